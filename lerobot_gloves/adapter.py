@@ -1,0 +1,75 @@
+"""The protocol that every adapter answers: bind a context, score proposals, edit them.
+
+An adapter is a LeRobot policy, trained by `lerobot-train`, that has the three attributes of `Adapter` besides. The
+wrapper knows no more of it than this page, so an adapter from another package works like ours.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor
+
+from lerobot_gloves.generators import Generators
+
+
+class BoundAdapter(Protocol):
+    """An adapter with the context of B observations encoded, once for however many calls.
+
+    Attributes:
+        evaluations: Network evaluations per chunk since it was bound. A batch of n samples a context counts n.
+    """
+
+    evaluations: int
+
+    def select(self, rows: Tensor) -> "BoundAdapter":
+        """The same for some of the B contexts: `rows` is bool (B,)."""
+        ...
+
+    def score(self, chunk: Tensor, score: Any, length: int | None = None) -> Tensor:
+        """Nonconformity of chunks (B, T, A), of whose actions the first `length` count: scores (B,).
+
+        `score` is an instance of one of the adapter's `scores`.
+        """
+        ...
+
+    def edit(
+        self,
+        proposal: Tensor,
+        editor: Any,
+        *,
+        score: Any,
+        threshold: float | None,
+        length: int | None = None,
+        generator: Generators = None,
+    ) -> Tensor:
+        """Move proposals (B, T, A), of whose actions the first `length` count, towards the expert's: (B, T, A).
+
+        `editor` is an instance of one of the adapter's `editors`. `score` and `threshold` (the largest score that the
+        gate admits, None without a calibration) are for the editors that search by score.
+        """
+        ...
+
+
+@runtime_checkable
+class Adapter(Protocol):
+    """What a policy needs to be usable as `--policy.adapter`.
+
+    Chunks are normalised by the adapter's own processors, T is its `config.chunk_size`.
+
+    Attributes:
+        editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers.
+        scores: Its nonconformity scores by the name that `--policy.score` gives, likewise.
+    """
+
+    editors: Mapping[str, type]
+    scores: Mapping[str, type]
+
+    def bind(self, observation: Mapping[str, Tensor]) -> BoundAdapter:
+        """Encode the context of B observations, as the adapter's own preprocessor returns them."""
+        ...
+
+
+def pad(chunk: Tensor, length: int) -> Tensor:
+    """Repeat the last action of chunks (B, n, A) up to (B, `length`, A)."""
+    return torch.cat([chunk, chunk[:, -1:].expand(-1, length - chunk.shape[1], -1)], dim=1)

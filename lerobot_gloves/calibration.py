@@ -1,0 +1,110 @@
+"""A calibration: the scores of held-out expert chunks that a gate compares proposals with."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from huggingface_hub import hf_hub_download
+from huggingface_hub.errors import EntryNotFoundError, LocalEntryNotFoundError
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+CALIBRATION_NAME = "calibration.safetensors"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Scores of held-out expert chunks, and what they were made from.
+
+    Attributes:
+        scores: Per score specification, as `reverse:steps=1`, a tensor (T, n): row k holds the scores of the n chunks
+            of which k + 1 actions count.
+        repo_id: The dataset.
+        revision: Its revision.
+        episodes: Its episodes that were scored.
+        weights: Hash of the adapter's weights, see `weights_hash`.
+    """
+
+    scores: Mapping[str, Tensor]
+    repo_id: str
+    revision: str
+    episodes: tuple[int, ...]
+    weights: str
+
+    def of(self, specification: str, length: int) -> Tensor:
+        """Scores (n,) of chunks of `length` actions.
+
+        Raises:
+            ValueError: If this specification or length was not calibrated.
+        """
+        if specification not in self.scores:
+            raise ValueError(
+                f"the adapter is not calibrated for score {specification!r}, only for {', '.join(self.scores)}: "
+                f"run gloves calibrate --scores='[{specification}]'"
+            )
+        table = self.scores[specification]
+        if not 1 <= length <= table.shape[0]:
+            raise ValueError(f"the calibration holds lengths 1 to {table.shape[0]}, not {length}")
+        return table[length - 1]
+
+    def check(self, weights: str) -> None:
+        """Refuse a calibration of other weights.
+
+        Raises:
+            ValueError: If the hashes differ.
+        """
+        if weights != self.weights:
+            raise ValueError(
+                f"the calibration belongs to other weights ({self.weights[:12]}) than the adapter's "
+                f"({weights[:12]}): run gloves calibrate again"
+            )
+
+    def save(self, folder: Path) -> None:
+        """Write `calibration.safetensors` into a checkpoint's folder."""
+        about = {
+            "repo_id": self.repo_id,
+            "revision": self.revision,
+            "episodes": list(self.episodes),
+            "weights": self.weights,
+        }
+        scores = {key: value.contiguous() for key, value in self.scores.items()}
+        temporary = folder / f".{CALIBRATION_NAME}.partial"
+        save_file(scores, temporary, metadata={"gloves": json.dumps(about)})
+        temporary.replace(folder / CALIBRATION_NAME)
+
+    @classmethod
+    def load(cls, checkpoint: str | Path, revision: str | None = None) -> "Calibration | None":
+        """Read the calibration of a checkpoint, a folder or a Hub id; None if it has none.
+
+        Raises:
+            ValueError: If the file is not a calibration.
+        """
+        path = Path(checkpoint) / CALIBRATION_NAME
+        if not Path(checkpoint).is_dir():
+            try:
+                path = Path(hf_hub_download(str(checkpoint), CALIBRATION_NAME, revision=revision))
+            except (EntryNotFoundError, LocalEntryNotFoundError):
+                return None
+        if not path.exists():
+            return None
+        try:
+            with safe_open(path, framework="pt") as file:
+                about = json.loads((file.metadata() or {})["gloves"])
+                scores = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a dict
+            return cls(scores=scores, **{**about, "episodes": tuple(about["episodes"])})
+        except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path.name} of {checkpoint} is not a readable calibration: {error}") from error
+
+
+def weights_hash(weights: Mapping[str, Tensor]) -> str:
+    """SHA-256 of a state dict's names, types, shapes and values, independent of the file that holds it."""
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        tensor = weights[name].detach().cpu().contiguous()
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)} ".encode())
+        digest.update(tensor.flatten().view(torch.uint8).numpy().tobytes() if tensor.numel() else b"")
+    return digest.hexdigest()

@@ -1,0 +1,26 @@
+"""The `gloves` command: `gloves record`, `gloves calibrate`, `gloves bench`, `gloves report`."""
+
+import importlib
+import sys
+
+COMMANDS = {
+    "record": "record a task's scripted expert as a LeRobotDataset",
+    "calibrate": "score held-out expert episodes with a trained adapter and store the calibration",
+    "bench": "run perturbation x method x seed on a task",
+    "report": "turn benchmark rows into tables",
+}
+
+
+def main() -> None:
+    """Run the command that the first argument names; it reads the others itself."""
+    name, *arguments = sys.argv[1:] or ["--help"]
+    if name in ("--help", "-h"):
+        width = max(map(len, COMMANDS))
+        lines = [f"  {command:<{width}}  {purpose}" for command, purpose in COMMANDS.items()]
+        print("\n".join(["usage: gloves COMMAND [--help] [--option=value ...]", "", *lines]))
+        return
+    if name not in COMMANDS:
+        sys.exit(f"gloves: there is no command {name!r}: choose one of {', '.join(COMMANDS)}")
+    # LeRobot's parser reads sys.argv, as if each command were a program of its own.
+    sys.argv = [f"gloves {name}", *arguments]
+    importlib.import_module(f"lerobot_gloves.commands.{name}").main()

@@ -1,0 +1,6 @@
+"""Editors: the rules that move a proposal towards the expert's actions. One rule, one file."""
+
+from lerobot_gloves.editors.feeg import FEEG
+from lerobot_gloves.editors.fpas import FPAS
+
+__all__ = ["FEEG", "FPAS"]

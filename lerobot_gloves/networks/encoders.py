@@ -1,0 +1,67 @@
+"""Encoders of the context (paper, appendix "Visual and State Encoders")."""
+
+import torch
+from torch import Tensor, nn
+from torchvision.models import get_model, get_weight
+from torchvision.ops import FrozenBatchNorm2d
+
+
+class StateEncoder(nn.Sequential):
+    """Three-layer feedforward network from a vector (B, S) to one context token (B, 1, d_c).
+
+    Args:
+        state_dim: S.
+        context_dim: d_c.
+        width: Hidden width.
+    """
+
+    def __init__(self, state_dim: int, context_dim: int, width: int = 256):
+        super().__init__(
+            nn.Linear(state_dim, width),
+            nn.GELU(),
+            nn.Linear(width, width),
+            nn.GELU(),
+            nn.Linear(width, context_dim),
+            nn.Unflatten(-1, (1, context_dim)),
+        )
+
+
+class ImageEncoder(nn.Module):
+    """ResNet-18 up to its third stage, frozen batch norm, and a 1 x 1 projection.
+
+    Args:
+        context_dim: d_c.
+    """
+
+    stride = 16
+    channels = 256
+
+    def __init__(self, context_dim: int):
+        super().__init__()
+        net = get_model("resnet18", weights=None, norm_layer=FrozenBatchNorm2d)
+        self.backbone = nn.Sequential(net.conv1, net.bn1, net.relu, net.maxpool, net.layer1, net.layer2, net.layer3)
+        self.project = nn.Conv2d(self.channels, context_dim, kernel_size=1)
+
+    def load_pretrained(self, weights: str) -> None:
+        """Fill the backbone from torchvision's store, say "ResNet18_Weights.IMAGENET1K_V1".
+
+        Raises:
+            OSError: If the weights cannot be fetched; the message names the option that does without.
+            ValueError: If there are no weights of that name.
+        """
+        try:
+            state = get_weight(weights).get_state_dict(progress=False, check_hash=True)
+        except OSError as error:
+            raise OSError(
+                f"cannot fetch the image encoder's weights {weights} ({error}): go online once, put the file into "
+                f"{torch.hub.get_dir()}/checkpoints, or train without them by "
+                "--policy.pretrained_backbone_weights=null"
+            ) from error
+        net = get_model("resnet18", weights=None, norm_layer=FrozenBatchNorm2d)
+        net.load_state_dict(state, strict=False)  # Frozen batch norm counts no batches.
+        source = nn.Sequential(net.conv1, net.bn1, net.relu, net.maxpool, net.layer1, net.layer2, net.layer3)
+        self.backbone.load_state_dict(source.state_dict())
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Normalised images (B, 3, H, W) to context tokens (B, H / 16 * W / 16, d_c)."""
+        return self.project(self.backbone(image)).flatten(2).transpose(1, 2)

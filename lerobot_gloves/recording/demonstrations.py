@@ -1,0 +1,161 @@
+"""Plays a task's scripted expert until enough demonstrations are staged."""
+
+import multiprocessing
+import multiprocessing.connection
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, cast, runtime_checkable
+
+import gymnasium as gym
+import numpy as np
+from lerobot.configs import PolicyFeature
+from lerobot.envs import EnvConfig
+from lerobot.utils.constants import ACTION, OBS_IMAGES
+
+from lerobot_gloves.recording import staging
+from lerobot_gloves.recording.staging import Episode
+
+MAX_ATTEMPTS = 50
+MODE = "mode"
+"""Key of a frame's label: the place of its task string among the task's modes. LeRobot hands no policy this key."""
+
+
+class Expert(Protocol):
+    """Whoever demonstrates a task."""
+
+    def reset(self, mode: str) -> None:
+        """Begin an episode with this task string."""
+
+    def act(self, observation: Mapping[str, Any]) -> np.ndarray:
+        """The action for an observation of the Gymnasium environment."""
+
+
+@runtime_checkable
+class Recordable(Protocol):
+    """What an `EnvConfig` offers when its task can be recorded."""
+
+    modes: ClassVar[tuple[str, ...]]
+    feature_names: ClassVar[dict[str, list[str]]]
+    features: dict[str, PolicyFeature]
+    features_map: dict[str, str]
+    fps: int
+
+    @property
+    def type(self) -> str:
+        """The `--env.type` of the task."""
+
+    @property
+    def gym_id(self) -> str:
+        """Name of the Gymnasium environment."""
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Its arguments."""
+
+    def make_expert(self, rng: np.random.Generator) -> Expert:
+        """An expert that takes all its draws from `rng`."""
+
+
+def check_recordable(env_config: EnvConfig) -> Recordable:
+    """Refuse a task that has no scripted expert.
+
+    Raises:
+        ValueError: If it has none; names those that have.
+    """
+    if isinstance(env_config, Recordable):
+        return env_config
+    choices = sorted(name for name, cls in EnvConfig.get_known_choices().items() if hasattr(cls, "make_expert"))
+    raise ValueError(f"env.type {env_config.type!r} has no scripted expert: choose one of {', '.join(choices)}")
+
+
+def record(env_config: Recordable, folder: Path, *, num_episodes: int, seed: int, num_workers: int) -> Iterator[int]:
+    """Stage the episodes 0 to `num_episodes` - 1 that are not there yet.
+
+    Episode i depends on the configuration and on seed + i alone, so it is the same whoever records it and whatever
+    was recorded before.
+
+    Args:
+        env_config: The task.
+        folder: The staging folder.
+        num_episodes: How many episodes there shall be.
+        seed: Seed of episode 0.
+        num_workers: Processes that record side by side.
+
+    Yields:
+        How many episodes there are, whenever that has changed.
+    """
+    missing = sorted(set(range(num_episodes)) - staging.staged(folder))
+    if num_workers == 1:
+        for done, _ in enumerate(_stage(env_config, folder, missing, seed), start=1):
+            yield num_episodes - len(missing) + done
+        return
+    context = multiprocessing.get_context("spawn")  # an OpenGL context does not survive a fork
+    workers = [
+        context.Process(target=_work, args=(env_config, folder, missing[i::num_workers], seed, os.getpid()))
+        for i in range(min(num_workers, len(missing)))
+    ]
+    for worker in workers:
+        worker.start()
+    try:
+        while any(worker.is_alive() for worker in workers):
+            multiprocessing.connection.wait([worker.sentinel for worker in workers if worker.is_alive()], 0.5)
+            yield len(staging.staged(folder) & set(range(num_episodes)))
+    finally:
+        for worker in workers:
+            worker.terminate()
+            worker.join()
+    if failed := [worker.exitcode for worker in workers if worker.exitcode]:
+        raise RuntimeError(f"{len(failed)} of {len(workers)} recording processes failed; their errors are above")
+
+
+def _work(env_config: Recordable, folder: Path, indices: Iterable[int], seed: int, parent: int) -> None:
+    """One process's share; ends early when the recording itself was killed."""
+    for _ in _stage(env_config, folder, indices, seed):
+        if os.getppid() != parent:
+            return
+
+
+def _stage(env_config: Recordable, folder: Path, indices: Iterable[int], seed: int) -> Iterator[int]:
+    env = gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs)
+    for index in indices:
+        staging.save(folder, index, demonstrate(env_config, env, seed + index))
+        yield index
+    env.close()
+
+
+def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
+    """Play episodes with one seed, each time with fresh draws of the expert, until one succeeds.
+
+    Args:
+        env_config: The task.
+        env: Its environment.
+        seed: Seed of the environment.
+
+    Raises:
+        RuntimeError: If `MAX_ATTEMPTS` episodes fail.
+    """
+    for attempt in range(MAX_ATTEMPTS):
+        expert = env_config.make_expert(np.random.default_rng([seed, attempt]))
+        observation, info = env.reset(seed=seed)
+        task = cast(str, env.get_wrapper_attr("task_description"))
+        expert.reset(task)
+        steps: list[dict[str, np.ndarray]] = []
+        over = False
+        while not over:
+            action = expert.act(observation)
+            steps.append({**_features(env_config, observation), ACTION: action})
+            observation, _, terminated, truncated, info = env.step(action)
+            over = terminated or truncated
+        if info["is_success"]:
+            frames = {key: np.stack([step[key] for step in steps]) for key in steps[0]}
+            frames[MODE] = np.full((len(steps), 1), env_config.modes.index(task), dtype=np.int64)
+            return Episode(frames=frames, task=task, attempts=attempt + 1)
+    raise RuntimeError(f"the expert failed {MAX_ATTEMPTS} times in the environment with seed {seed}")
+
+
+def _features(env_config: Recordable, observation: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """An observation of the environment under LeRobot's keys."""
+    values = {f"{OBS_IMAGES}.{camera}": frame for camera, frame in observation.get("pixels", {}).items()}
+    values |= {key: value for key, value in observation.items() if key != "pixels"}
+    return {env_config.features_map[key]: value for key, value in values.items()}

@@ -1,0 +1,91 @@
+"""One file per finished episode, so that a recording killed at any moment loses at most the one in flight.
+
+An open LeRobotDataset cannot do that: it neither loads nor resumes when its writer is killed.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A finished demonstration.
+
+    Attributes:
+        frames: For each feature of the dataset, under its LeRobot key, an array (L, ...) over the L steps.
+        task: The task string.
+        attempts: How often it was played until it succeeded.
+    """
+
+    frames: dict[str, np.ndarray]
+    task: str
+    attempts: int
+
+
+def staging_folder(root: Path) -> Path:
+    """Where the episodes of the dataset `root` wait: beside it, so that `root` only ever holds a whole dataset."""
+    return root.with_name(root.name + ".staging")
+
+
+def open_staging(folder: Path, settings: Mapping[str, Any]) -> None:
+    """Create a staging folder, or take up one that was recorded with the same settings.
+
+    Args:
+        folder: The staging folder.
+        settings: What the episodes depend on; must survive a trip through JSON unchanged.
+
+    Raises:
+        ValueError: If the folder holds episodes that were recorded with other settings.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "settings.json"
+    if not file.exists():
+        _write(file, json.dumps(settings, indent=2).encode())
+        return
+    found = json.loads(file.read_text())
+    different = sorted(key for key in found.keys() | settings.keys() if found.get(key) != settings.get(key))
+    if different:
+        had = ", ".join(f"{key}={found.get(key)}" for key in different)
+        raise ValueError(f"{folder} holds episodes recorded with {had}: use the same options or delete that folder")
+
+
+def staged(folder: Path) -> set[int]:
+    """Numbers of the finished episodes."""
+    return {int(file.stem.removeprefix("episode_")) for file in folder.glob("episode_*.npz")}
+
+
+def save(folder: Path, index: int, episode: Episode) -> None:
+    """Write episode `index`; after a crash it is there whole or not at all."""
+    temporary = folder / f"writing_{index:06d}_{os.getpid()}.npz"
+    np.savez_compressed(temporary, task=episode.task, attempts=episode.attempts, **episode.frames)  # type: ignore[arg-type]
+    _publish(temporary, _episode_file(folder, index))
+
+
+def load(folder: Path, index: int) -> Episode:
+    """Read episode `index`."""
+    with np.load(_episode_file(folder, index)) as arrays:
+        frames = {key: arrays[key] for key in arrays.files if key not in ("task", "attempts")}
+        return Episode(frames=frames, task=str(arrays["task"]), attempts=int(arrays["attempts"]))
+
+
+def _episode_file(folder: Path, index: int) -> Path:
+    return folder / f"episode_{index:06d}.npz"
+
+
+def _write(file: Path, content: bytes) -> None:
+    temporary = file.with_suffix(f".{os.getpid()}")
+    temporary.write_bytes(content)
+    _publish(temporary, file)
+
+
+def _publish(temporary: Path, file: Path) -> None:
+    """Move a written file to its name, contents first, so that not even a power cut leaves half of it there."""
+    with temporary.open("rb") as written:
+        os.fsync(written.fileno())
+    temporary.replace(file)

@@ -1,0 +1,43 @@
+"""Write a score or an editor in one word of a command line, and read it back: `feeg:start=0.5,steps=10`."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+
+def parse(text: str, choices: Mapping[str, type], kind: str) -> Any:
+    """Build the dataclass that a specification names.
+
+    Args:
+        text: `NAME` or `NAME:KEY=VALUE,KEY=VALUE`; what is left out has the dataclass's default.
+        choices: The valid names and their dataclasses, whose fields are numbers.
+        kind: What is being named ("method", "score"), for the error.
+
+    Returns:
+        An instance of the dataclass.
+
+    Raises:
+        ValueError: If the name, a key or a value is not valid; the message lists the valid ones.
+    """
+    name, _, rest = text.partition(":")
+    if name not in choices:
+        raise ValueError(f"unknown {kind} {name!r}: choose from {', '.join(sorted(choices))}")
+    types: dict[str, Any] = {field.name: type(field.default) for field in fields(choices[name])}
+    values = {}
+    for item in filter(None, rest.split(",")):
+        key, _, value = item.partition("=")
+        if key not in types:
+            raise ValueError(f"{kind} {name!r} has no option {key!r}: choose from {', '.join(types) or 'none'}")
+        try:
+            values[key] = types[key](value)
+        except ValueError:
+            message = f"{kind} {name!r}: {key}={value!r} is not a number of type {types[key].__name__}"
+            raise ValueError(message) from None
+    return choices[name](**values)
+
+
+def specification(instance: Any, choices: Mapping[str, type]) -> str:
+    """The specification that `parse` turns back into `instance`, every option written out."""
+    name = next(name for name, choice in choices.items() if choice is type(instance))
+    options = ",".join(f"{field.name}={getattr(instance, field.name)}" for field in fields(instance))
+    return f"{name}:{options}" if options else name

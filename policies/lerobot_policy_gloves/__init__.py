@@ -1,0 +1,15 @@
+"""GLOVES for LeRobot. Importing this registers its policies, its environments and `--policy.wrap`.
+
+LeRobot's commands import it by themselves, because the distribution's name begins with `lerobot_policy_`.
+"""
+
+import lerobot_gloves.tasks  # noqa: F401
+
+from .gloves.configuration_gloves import GlovesConfig
+from .gloves.seam import install
+from .gloves_expert_flow.configuration_gloves_expert_flow import GlovesExpertFlowConfig
+from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfig
+
+install()
+
+__all__ = ["GlovesConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]

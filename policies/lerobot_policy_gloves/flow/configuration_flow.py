@@ -1,0 +1,147 @@
+"""Settings shared by the policies that are flows (paper, tables (a) and (b))."""
+
+from dataclasses import dataclass, field
+
+from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.optim import AdamWConfig
+
+
+@dataclass
+class FlowConfig(PreTrainedConfig):
+    """Network, training and sampling of a flow. The defaults are the paper's table (a) and (b).
+
+    Attributes:
+        chunk_size: Actions in a chunk, T.
+        n_action_steps: Actions executed before the next chunk is sampled.
+        context_dim: Width of a context token, d_c.
+        width: Hidden width of the DiT, d.
+        depth: Its blocks.
+        heads: Its attention heads, H.
+        mlp_ratio: Expansion of its MLP, r.
+        dropout: Dropout in its blocks.
+        time_dim: Frequencies of the time embedding.
+        context_dropout: Probability p_cfg of training without the context (with a goal: without the goal).
+        visual_dropout: Probability p_vd of training without one of the views.
+        pretrained_backbone_weights: torchvision weights that the image encoders start from; null for none.
+        samples_per_item: Independent draws of noise and time for each loaded item, so that loading it and encoding
+            its context are paid once for so many flow samples.
+        ema_decay: Decay of the averaged weights that inference uses; it warms up from 0.1.
+        num_inference_steps: Euler steps that sample a chunk.
+        guidance: Classifier-free guidance at inference; 1 is off.
+        seed: Seed of the noise that chunks are sampled from; with the episode's number it fixes an episode's draws.
+        optimizer_lr: Base learning rate.
+        optimizer_lr_backbone: Learning rate of the pretrained image encoders.
+        optimizer_betas: Adam's betas.
+        optimizer_weight_decay: Weight decay.
+        optimizer_grad_clip_norm: Largest gradient norm.
+        exclude_features: Observations of the dataset that the flow is not conditioned on.
+    """
+
+    chunk_size: int = 10
+    n_action_steps: int = 10
+
+    context_dim: int = 256
+    width: int = 128
+    depth: int = 4
+    heads: int = 4
+    mlp_ratio: int = 4
+    dropout: float = 0.1
+    time_dim: int = 256
+    pretrained_backbone_weights: str | None = "ResNet18_Weights.IMAGENET1K_V1"
+
+    context_dropout: float = 0.2
+    visual_dropout: float = 0.1
+    samples_per_item: int = 8
+    ema_decay: float = 0.999
+
+    num_inference_steps: int = 10
+    guidance: float = 1.0
+    seed: int = 0
+
+    # MIN_MAX sends an observation that never changes in the data to one constant exactly; dividing by its standard
+    # deviation, 0, would blow rounding errors up.
+    normalization_mapping: dict[str, NormalizationMode] = field(
+        default_factory=lambda: {
+            "VISUAL": NormalizationMode.MEAN_STD,
+            "STATE": NormalizationMode.MEAN_STD,
+            "ENV": NormalizationMode.MIN_MAX,
+            "ACTION": NormalizationMode.MEAN_STD,
+        }
+    )
+
+    optimizer_lr: float = 3e-4
+    optimizer_lr_backbone: float = 3e-5
+    optimizer_betas: tuple[float, float] = (0.9, 0.999)
+    optimizer_weight_decay: float = 1e-3
+    optimizer_grad_clip_norm: float = 1.0
+
+    exclude_features: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.n_action_steps <= self.chunk_size:
+            raise ValueError(
+                f"n_action_steps is {self.n_action_steps}, but must lie between 1 and chunk_size, {self.chunk_size}"
+            )
+        if self.samples_per_item < 1:
+            raise ValueError(f"samples_per_item is {self.samples_per_item}, but must be at least 1")
+
+    @property
+    def goal(self) -> str | None:
+        """Observation key of the goal that the flow reads; None for a flow that knows of none."""
+        return None
+
+    @property
+    def state_features(self) -> dict[str, int]:
+        """Observation keys of the state vectors that make up the context, and their sizes."""
+        images = self.image_features
+        return {
+            key: feature.shape[0]
+            for key, feature in sorted((self.input_features or {}).items())
+            if key not in images and key != self.goal
+        }
+
+    def validate_features(self) -> None:
+        """Drop the excluded features and check that the rest suffices.
+
+        Raises:
+            ValueError: If the action, the goal or everything to be conditioned on is missing.
+        """
+        features = self.input_features or {}
+        self.input_features = {key: value for key, value in features.items() if key not in self.exclude_features}
+        if self.action_feature is None:
+            raise ValueError(f"{self.type}: the data holds no 'action', only {_names(self.output_features)}")
+        if self.goal is not None and self.goal not in self.input_features:
+            raise ValueError(f"{self.type}: the data holds no {self.goal!r}, only {_names(self.input_features)}")
+        if not self.state_features and not self.image_features:
+            raise ValueError(
+                f"{self.type}: nothing to be conditioned on; the data needs 'observation.state', "
+                f"'observation.environment_state' or an image, but holds only {_names(features)}"
+            )
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        return AdamWConfig(
+            lr=self.optimizer_lr,
+            betas=self.optimizer_betas,
+            weight_decay=self.optimizer_weight_decay,
+            grad_clip_norm=self.optimizer_grad_clip_norm,
+        )
+
+    def get_scheduler_preset(self) -> None:
+        return None
+
+    @property
+    def observation_delta_indices(self) -> None:
+        return None
+
+    @property
+    def action_delta_indices(self) -> list[int]:
+        return list(range(self.chunk_size))
+
+    @property
+    def reward_delta_indices(self) -> None:
+        return None
+
+
+def _names(features: dict | None) -> str:
+    return ", ".join(sorted(features or {})) or "nothing"

@@ -1,0 +1,148 @@
+"""Training and sampling shared by the policies that are flows."""
+
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.pretrained import PreTrainedPolicy
+from safetensors import SafetensorError, safe_open
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel
+
+from lerobot_gloves.flow import flow_matching_loss, integrate
+from lerobot_gloves.generators import Episodes, randn, spawn
+from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
+
+from .configuration_flow import FlowConfig
+
+RAW, AVERAGED = "network.", "ema.module."
+
+
+class FlowPolicy(PreTrainedPolicy):
+    """A conditional flow over action chunks, trained by flow matching and sampled by Euler integration.
+
+    Two copies of the network live side by side: the one that is trained and its exponential moving average, which
+    evaluation uses. A checkpoint that holds the average alone is complete for inference.
+    """
+
+    config_class = FlowConfig
+    name = "flow"
+
+    def __init__(self, config: FlowConfig, **_: object):
+        super().__init__(config)
+        config.validate_features()
+        self.network = VelocityNetwork(
+            config.action_feature.shape[0],
+            states=config.state_features,
+            cameras=sorted(config.image_features),
+            goal=(config.goal, config.input_features[config.goal].shape[0]) if config.goal else None,
+            context_dim=config.context_dim,
+            context_dropout=config.context_dropout,
+            visual_dropout=config.visual_dropout,
+            width=config.width,
+            depth=config.depth,
+            heads=config.heads,
+            mlp_ratio=config.mlp_ratio,
+            dropout=config.dropout,
+            time_dim=config.time_dim,
+        )
+        if config.pretrained_backbone_weights and not config.pretrained_path:
+            for encoder in self.network.image_encoders:
+                encoder.load_pretrained(config.pretrained_backbone_weights)
+        self.ema = AveragedModel(self.network, multi_avg_fn=self._average)
+        self.ema.requires_grad_(False)
+        self._episodes = Episodes()
+        self.reset()
+
+    @classmethod
+    def from_pretrained(cls, pretrained_name_or_path, *, config=None, **kwargs):
+        # The checkpoint brings all weights: knowing where from keeps the image encoders from fetching ImageNet's.
+        if config is None:
+            config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=kwargs.get("revision"))
+        if not config.pretrained_path:
+            config.pretrained_path = pretrained_name_or_path
+        return super().from_pretrained(pretrained_name_or_path, config=config, **kwargs)
+
+    @classmethod
+    def _load_as_safetensor(cls, model: "FlowPolicy", model_file: str, map_location: str, strict: bool):
+        try:
+            with safe_open(model_file, framework="pt") as file:
+                found = set(file.keys())
+        except (SafetensorError, OSError) as error:
+            raise ValueError(f"{Path(model_file)} is not a readable safetensors file: {error}") from error
+        expected = set(model.state_dict())
+        averaged = {key for key in expected if not key.startswith(RAW)}
+        if not averaged <= found <= expected:
+            wrong = sorted((averaged - found) | (found - expected))
+            raise ValueError(
+                f"{Path(model_file)} does not hold the weights of this {cls.name}: "
+                f"{len(averaged - found)} are missing and {len(found - expected)} are foreign, such as {wrong[0]!r}"
+            )
+        try:
+            super()._load_as_safetensor(model, model_file, map_location, strict=False)
+        except RuntimeError as error:
+            mismatch = str(error).strip().splitlines()[-1].strip()
+            raise ValueError(f"{Path(model_file)} holds weights of another size: {mismatch}") from error
+        if not any(key.startswith(RAW) for key in found):
+            model.network.load_state_dict(model.ema.module.state_dict())
+        return model
+
+    def get_optim_params(self) -> list[dict]:
+        """The image encoders' backbones learn at a rate of their own."""
+        backbone = [parameter for e in self.network.image_encoders for parameter in e.backbone.parameters()]
+        slow = {id(parameter) for parameter in backbone}
+        rest = [parameter for parameter in self.network.parameters() if id(parameter) not in slow]
+        groups = [{"params": rest}]
+        return [*groups, {"params": backbone, "lr": self.config.optimizer_lr_backbone}] if backbone else groups
+
+    def update(self) -> None:
+        """Called by `lerobot-train` after every optimiser step."""
+        self.ema.update_parameters(self.network)
+
+    @torch.no_grad()
+    def _average(self, averaged: list[Tensor], current: list[Tensor], updates: Tensor | int) -> None:
+        warm_up = (1 + int(updates)) / (10 + int(updates))
+        torch._foreach_lerp_(averaged, current, 1 - min(self.config.ema_decay, warm_up))
+
+    def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict]:
+        """Flow-matching loss of the trained weights, or in eval mode of the averaged ones.
+
+        Args:
+            batch: Normalised observations, `action` (B, T, A) and, if padded, `action_is_pad` (B, T).
+            reduction: "mean", or "none" for one loss per item.
+        """
+        mask = ~batch["action_is_pad"] if "action_is_pad" in batch else None
+        velocity = (self.network if self.training else self.ema.module).bind(batch)
+        loss = flow_matching_loss(velocity, batch["action"], mask=mask, samples=self.config.samples_per_item)
+        return (loss.mean() if reduction == "mean" else loss), {}
+
+    def velocity(self, batch: Mapping[str, Tensor]) -> BoundVelocity:
+        """The averaged network's velocity field, bound to the contexts of normalised observations."""
+        return self.ema.module.bind(batch, guidance=self.config.guidance)
+
+    def reset(self) -> None:
+        """A new episode begins in every environment."""
+        self._episodes.reset()
+        self._action_queue: deque[Tensor] = deque(maxlen=self.config.n_action_steps)
+
+    @torch.no_grad()
+    def predict_action_chunk(self, batch: dict[str, Tensor], **_: object) -> Tensor:
+        """Sample normalised chunks (B, T, A) for B normalised observations."""
+        self.eval()
+        velocity = self.velocity(batch)
+        batch_size = next(batch[key] for key in self.config.input_features if key in batch).shape[0]
+        if self._episodes.begin(batch_size):
+            self._generators = spawn(self.config.seed, batch_size, first_episode=self._episodes.first, stream=self.name)
+        shape = (batch_size, self.config.chunk_size, self.config.action_feature.shape[0])
+        noise = randn(shape, self._generators, like=velocity.context[0][0])
+        return integrate(velocity, noise, steps=self.config.num_inference_steps)
+
+    @torch.no_grad()
+    def select_action(self, batch: dict[str, Tensor], **_: object) -> Tensor:
+        """The next normalised action (B, A); samples a chunk when the last one is used up."""
+        if not self._action_queue:
+            chunk = self.predict_action_chunk(batch)
+            self._action_queue.extend(chunk[:, : self.config.n_action_steps].transpose(0, 1))
+        return self._action_queue.popleft()

@@ -1,0 +1,124 @@
+"""Settings of the wrapper."""
+
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import draccus
+from lerobot.configs import PreTrainedConfig
+
+from lerobot_gloves.perturbations import PERTURBATIONS
+
+PASSTHROUGH = Path(str(files(__package__))) / "passthrough"
+"""Saved processor pipelines that change nothing: what LeRobot loads around the wrapper."""
+
+
+@dataclass
+class PerturbationConfig(draccus.ChoiceRegistry):
+    """Chooses a perturbation by `--policy.perturbation.type=NAME`; its fields are the perturbation's own."""
+
+
+for _name, _class in PERTURBATIONS.items():
+    # The library's classes know nothing of draccus, which writes a choice's type only if it is a subclass.
+    PerturbationConfig.register_subclass(_name)(type(_class.__name__, (_class, PerturbationConfig), {}))
+
+
+@PreTrainedConfig.register_subclass("gloves")
+@dataclass
+class GlovesConfig(PreTrainedConfig):
+    """An agent, and the adapter that corrects it.
+
+    The same three ways as for any policy: `--policy.path=AGENT --policy.wrap=gloves`, `--policy.type=gloves
+    --policy.agent=AGENT`, and `--policy.path=` a folder that this wrapper was saved to.
+
+    Attributes:
+        agent: Folder or Hub id of the policy to be corrected.
+        agent_revision: Its Hub revision.
+        agent_overrides: Command-line overrides of its configuration, such as `--n_action_steps=5`.
+        adapter: Folder or Hub id of the checkpoint that scores and edits; null leaves the agent as it is.
+        adapter_revision: Its Hub revision.
+        adapter_rename_map: Observation keys of the environment to those that the adapter was trained on.
+        method: The editor and its options, `NAME[:KEY=VALUE,...]`, such as `feeg:start=0.4`; `none` edits nothing.
+            By default `feeg`, and `none` without an adapter.
+        gate: Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter.
+        alpha: The gate's significance level: the share of expert chunks that it would turn away.
+        score: The nonconformity score and its options, such as `reverse:steps=5`.
+        perturbation: What is done to the agent's chunks to make it imperfect; null for nothing.
+        seed: Seed of the perturbation's and the editor's draws; with the episode's number it fixes them.
+        log: File that receives one JSON line a chunk of what the wrapper did.
+    """
+
+    agent: str | None = None
+    agent_revision: str | None = None
+    agent_overrides: list[str] = field(default_factory=list)
+    adapter: str | None = None
+    adapter_revision: str | None = None
+    adapter_rename_map: dict[str, str] = field(default_factory=dict)
+    method: str | None = None
+    gate: bool = False
+    alpha: float = 0.05
+    score: str = "reverse:steps=1"
+    perturbation: PerturbationConfig | None = None
+    seed: int = 0
+    log: Path | None = None
+    push_to_hub: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.adapter is None and (self.gate or self.method not in (None, "none")):
+            raise ValueError("gloves: --policy.method and --policy.gate need --policy.adapter, a trained checkpoint")
+        if self.method is None:
+            self.method = "none" if self.adapter is None else "feeg"
+        if self.agent:
+            self.adopt_agent()
+
+    def adopt_agent(self) -> None:
+        """Read the agent's configuration and take over what LeRobot asks a policy's configuration for."""
+        # A plain attribute: draccus expands a field of this type into every registered policy, without end.
+        self.agent_config = PreTrainedConfig.from_pretrained(
+            self.agent, revision=self.agent_revision, cli_overrides=list(self.agent_overrides)
+        )
+        self.agent_config.pretrained_path = self.agent
+        self.agent_config.pretrained_revision = self.agent_revision
+        self.input_features = dict(self.agent_config.input_features or {})
+        self.output_features = dict(self.agent_config.output_features or {})
+        self.device, self.use_amp = self.agent_config.device, self.agent_config.use_amp
+        self.n_obs_steps = self.agent_config.n_obs_steps
+        if self.pretrained_path is None:
+            self.pretrained_path = PASSTHROUGH
+
+    def __getattr__(self, name: str) -> Any:
+        # LeRobot probes a policy's configuration for fields that only some have (rtc_config, n_action_steps, ...).
+        agent_config = self.__dict__.get("agent_config")
+        if name.startswith("_") or agent_config is None:
+            raise AttributeError(name)
+        return getattr(agent_config, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # With --policy.path=AGENT --policy.wrap=gloves, LeRobot assigns the agent's path to what it takes for the
+        # agent's configuration. It has been noted as `agent`; the wrapper's own processors are the pass-through ones.
+        if name == "pretrained_path" and value is not None and str(value) == self.__dict__.get("agent"):
+            value = PASSTHROUGH
+        super().__setattr__(name, value)
+
+    def validate_features(self) -> None:
+        pass
+
+    def get_optimizer_preset(self) -> Any:
+        raise ValueError("gloves wraps a policy for evaluation; train its adapter, --policy.type=gloves_expert_flow")
+
+    def get_scheduler_preset(self) -> None:
+        return None
+
+    @property
+    def observation_delta_indices(self) -> None:
+        return None
+
+    @property
+    def action_delta_indices(self) -> None:
+        return None
+
+    @property
+    def reward_delta_indices(self) -> None:
+        return None

@@ -1,0 +1,155 @@
+"""The corrector: an adapter with its gate and its editor, between raw observations and raw actions."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from lerobot.configs import PreTrainedConfig
+from torch import Tensor
+
+from lerobot_gloves.adapter import Adapter, pad
+from lerobot_gloves.calibration import Calibration, weights_hash
+from lerobot_gloves.conformal import ConformalGate
+from lerobot_gloves.specification import parse, specification
+
+from .configuration_gloves import GlovesConfig
+from .loading import load_policy
+
+
+@dataclass
+class Correction:
+    """What became of B proposals.
+
+    Attributes:
+        action: What is to be executed, raw, (B, n, A).
+        score: Nonconformity scores (B,), None if nobody asked for them.
+        p_value: Conformal p-values (B,), None without a gate.
+        edited: Whether a proposal was edited, bool (B,).
+        distance: Mean Euclidean distance (B,) of executed from proposed actions, in the adapter's normalised units.
+        evaluations: Network evaluations per proposal, (B,).
+        milliseconds: Time that the whole batch took.
+    """
+
+    action: Tensor
+    score: Tensor | None
+    p_value: Tensor | None
+    edited: Tensor
+    distance: Tensor
+    evaluations: Tensor
+    milliseconds: float
+
+
+class Corrector:
+    """Loads the adapter that a wrapper names and corrects proposals with it.
+
+    Raises:
+        ValueError: If the adapter does not fit the agent, the method or the score is not one of its own, or it is not
+            calibrated where the gate, or FPAS, needs it.
+    """
+
+    def __init__(self, config: GlovesConfig):
+        adapter_config = PreTrainedConfig.from_pretrained(config.adapter, revision=config.adapter_revision)
+        adapter_config.pretrained_path = config.adapter
+        adapter_config.pretrained_revision = config.adapter_revision
+        check_features(config, adapter_config)
+        self.loaded = load_policy(adapter_config, config.device)
+        self.adapter = self.loaded.policy
+        if not isinstance(self.adapter, Adapter):
+            raise ValueError(
+                f"{config.adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
+                "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
+            )
+        self.editor = None
+        if config.method != "none":
+            self.editor = parse(config.method, {**self.adapter.editors, "none": object}, "method")
+        self.score = parse(config.score, self.adapter.scores, "score")
+        self.rename_map = config.adapter_rename_map
+        self.inputs = set(adapter_config.input_features)
+        self.chunk_size = adapter_config.chunk_size
+        self.gated, self.alpha = config.gate, config.alpha
+        self.scored = config.gate or config.log is not None
+        self.calibration = Calibration.load(config.adapter, config.adapter_revision)
+        if self.calibration is not None:
+            self.calibration.check(weights_hash(self.adapter.state_dict()))
+            self.calibration.of(specification(self.score, self.adapter.scores), 1)
+        elif config.gate:
+            raise ValueError(
+                f"the gate needs a calibration, and {config.adapter} has none: run gloves calibrate "
+                f"--policy.path={config.adapter} --dataset.repo_id=<held-out expert episodes>"
+            )
+        self._gates: dict[int, ConformalGate] = {}
+
+    def reset(self) -> None:
+        """A new episode begins."""
+        self.loaded.reset()
+
+    def gate(self, length: int) -> ConformalGate | None:
+        """The gate for proposals of that many actions, None without a calibration."""
+        if self.calibration is None:
+            return None
+        if length not in self._gates:
+            scores = self.calibration.of(specification(self.score, self.adapter.scores), length)
+            self._gates[length] = ConformalGate(scores, self.alpha)
+        return self._gates[length]
+
+    def __call__(
+        self, observation: dict[str, Tensor], proposal: Tensor, generators: Sequence[torch.Generator]
+    ) -> Correction:
+        """Score proposals and edit those that the gate turns away, or all of them without a gate.
+
+        Args:
+            observation: Raw observations, batched.
+            proposal: Raw actions (B, n, A), n at most the adapter's chunk size.
+            generators: One per environment.
+        """
+        began = time.perf_counter()
+        length = proposal.shape[1]
+        chunk = pad(proposal, self.chunk_size)
+        named = {self.rename_map.get(key, key): value for key, value in observation.items()}
+        # The task's text and the other observations are the agent's.
+        batch = self.loaded.preprocess({**{k: v for k, v in named.items() if k in self.inputs}, "action": chunk})
+        bound, chunk, gate = self.adapter.bind(batch), batch["action"], self.gate(length)
+        score = bound.score(chunk, self.score, length=length) if self.scored else None
+        p_value = gate.p_value(score) if self.gated and gate is not None and score is not None else None
+        admitted = gate.admits(score) if p_value is not None else torch.zeros(len(chunk), dtype=torch.bool)
+        admitted = admitted.to(chunk.device)
+        evaluations = torch.full((len(chunk),), float(bound.evaluations))
+        executed, distance = proposal.clone(), torch.zeros(len(chunk))
+        edited = ~admitted if self.editor is not None else torch.zeros_like(admitted)
+        if edited.any():
+            some = bound.select(edited)
+            result = some.edit(
+                chunk[edited],
+                self.editor,
+                score=self.score,
+                threshold=gate.threshold if gate is not None else None,
+                length=length,
+                generator=[g for g, e in zip(generators, edited.tolist(), strict=True) if e],
+            )
+            executed[edited] = self.loaded.postprocess(result)[:, :length].to(executed)
+            moved = (result - chunk[edited])[:, :length].norm(dim=-1).mean(dim=-1)
+            distance[edited.cpu()] = moved.cpu()
+            evaluations[edited.cpu()] += some.evaluations
+        milliseconds = 1000 * (time.perf_counter() - began)
+        return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
+
+
+def check_features(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
+    """Refuse an adapter whose actions or observations are not the agent's.
+
+    Raises:
+        ValueError: Naming what differs.
+    """
+    ours, theirs = agent.action_feature, adapter.action_feature
+    if ours is not None and theirs is not None and tuple(ours.shape) != tuple(theirs.shape):
+        raise ValueError(
+            f"the adapter edits actions of {theirs.shape[0]} dimensions, but the agent's have {ours.shape[0]}"
+        )
+    given = {agent.adapter_rename_map.get(key, key) for key in agent.image_features}
+    missing = set(adapter.image_features) - given
+    if missing:
+        raise ValueError(
+            f"the adapter needs the cameras {sorted(missing)}, but the agent sees {sorted(given) or 'none'}: "
+            "rename them by --policy.adapter_rename_map, or take an adapter for these cameras"
+        )

@@ -1,0 +1,197 @@
+"""The wrapper: it asks the agent, corrects what the agent proposes, and is a LeRobot policy itself."""
+
+import atexit
+import shutil
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import torch
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies.pretrained import PreTrainedPolicy
+from torch import Tensor
+
+from lerobot_gloves.generators import Episodes, spawn
+
+from .configuration_gloves import PASSTHROUGH, GlovesConfig
+from .correction import Corrector
+from .journal import Journal
+from .loading import load_policy
+from .proposals import ChunkTap
+
+
+class NonFiniteProposalError(ValueError):
+    """The agent proposed NaN or infinity, which is never executed."""
+
+
+class GlovesPolicy(PreTrainedPolicy):
+    """An agent whose proposals an adapter corrects.
+
+    The agent is asked for an action at every step, so that its own queues and histories go on as without a wrapper. The
+    chunk that it computes is its proposal; whenever an unedited action becomes due, the adapter takes the next ones, at
+    most its own chunk size, and corrects them under the observation of that moment. Actions in and out are raw.
+    """
+
+    config_class = GlovesConfig
+    name = "gloves"
+
+    def __init__(self, config: GlovesConfig, **_: object):
+        super().__init__(config)
+        if not config.agent:
+            raise ValueError(
+                "gloves wraps an agent: name it by --policy.path=AGENT --policy.wrap=gloves, or by --policy.agent=AGENT"
+            )
+        # Neither agent nor adapter is a submodule: their weights are not the wrapper's to save.
+        self._agent = load_policy(config.agent_config, config.device)
+        self._tap = ChunkTap(self._agent.policy)
+        self._corrector = Corrector(config) if config.adapter else None
+        self._journal = Journal(config.log)
+        self._episodes = Episodes()
+        atexit.register(self._journal.report)
+        self.reset()
+
+    @classmethod
+    def from_pretrained(
+        cls,
+        pretrained_name_or_path: str | Path,
+        *,
+        config: PreTrainedConfig | None = None,
+        revision: str | None = None,
+        **_: object,
+    ) -> "GlovesPolicy":
+        """A saved wrapper is its configuration; agent and adapter are loaded from where it says."""
+        config = config or PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=revision)
+        return cls(config).eval()
+
+    def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
+        self.config._save_pretrained(save_directory)
+        for pipeline in PASSTHROUGH.glob("*.json"):
+            shutil.copy(pipeline, save_directory)
+
+    def statistics(self) -> dict[str, float]:
+        """Totals so far: chunks, intervention rate, distance, milliseconds and network evaluations a chunk."""
+        return self._journal.summary()
+
+    def reset(self) -> None:
+        """A new episode begins in every environment."""
+        self._agent.reset()
+        if self._corrector is not None:
+            self._corrector.reset()
+        self._episodes.reset()
+        self._step = 0
+        self._observed: Tensor | None = None
+        self._proposals: deque[Tensor] = deque()
+        self._action_queue: deque[Tensor] = deque()
+
+    @torch.no_grad()
+    def select_action(self, batch: dict[str, Any], **kwargs: Any) -> Tensor:
+        """The next raw action (B, A) for raw observations.
+
+        Raises:
+            NonFiniteProposalError: If the agent proposes NaN or infinity.
+        """
+        self._tap.clear()
+        action = self._agent.policy.select_action(self._agent.preprocess(dict(batch)), **kwargs)
+        self._begin(action.shape[0])
+        proposal = self._tap.proposal(action)
+        if proposal is not None:
+            self._propose(proposal)
+        elif not self._proposals and not self._action_queue:
+            self._propose(action[:, None])
+        if not self._action_queue:
+            self._action_queue.extend(self._correct(batch).unbind(dim=1))
+        self._step += 1
+        return self._action_queue.popleft()
+
+    def _begin(self, batch_size: int) -> None:
+        """Seed the draws of new episodes."""
+        if not self._episodes.begin(batch_size):
+            return
+        first, seed = self._episodes.first, self.config.seed
+        self._generators = spawn(seed, batch_size, first_episode=first, stream="editor")
+        if self.config.perturbation is not None:
+            self.config.perturbation.reset(batch_size, seed, first_episode=first)
+
+    def _propose(self, proposal: Tensor) -> None:
+        """Take a normalised proposal (B, n, A) of the agent; what was left of the last one is void."""
+        raw = self._agent.postprocess(proposal.clone())
+        if self.config.perturbation is not None:
+            raw = self.config.perturbation(raw)
+        finite = raw.isfinite().flatten(1).all(dim=1)
+        if not finite.all():
+            row = int((~finite).nonzero()[0])
+            raise NonFiniteProposalError(
+                f"the agent proposed a non-finite action in environment {row} at step {self._step}: {raw[row].tolist()}"
+            )
+        self._action_queue.clear()
+        self._proposals = deque(raw.unbind(dim=1))
+
+    def _correct(self, observation: dict[str, Any]) -> Tensor:
+        """Correct the next proposed actions: raw (B, n, A)."""
+        if self._corrector is None:
+            window = torch.stack(list(self._proposals), dim=1)
+            self._proposals.clear()
+            return window
+        count = min(self._corrector.chunk_size, len(self._proposals))
+        window = torch.stack([self._proposals.popleft() for _ in range(count)], dim=1)
+        # Whatever the editor keeps for its gradient must be made outside inference mode, and exactly.
+        device = torch.device(self.config.device).type
+        with torch.inference_mode(False), torch.no_grad(), torch.autocast(device, enabled=False):
+            tensors = {key: value.clone() for key, value in observation.items() if isinstance(value, Tensor)}
+            correction = self._corrector(tensors, window.clone(), self._generators)
+        self._journal.note(correction, self._episodes.first, self._step, self._running(tensors))
+        return correction.action
+
+    def _running(self, observation: dict[str, Tensor]) -> Tensor:
+        """Which environments still run: LeRobot freezes a finished one, observation and all."""
+        states = [value.flatten(1).float() for key, value in sorted(observation.items()) if value.ndim > 1]
+        now = torch.cat([state[:, :: max(1, state.shape[1] // 64)] for state in states], dim=1).cpu()
+        before, self._observed = self._observed, now
+        return torch.ones(len(now), dtype=torch.bool) if before is None else (now != before).any(dim=1)
+
+    def predict_action_chunk(
+        self,
+        batch: dict[str, Any],
+        inference_delay: int | None = None,
+        prev_chunk_left_over: Tensor | None = None,
+        **kwargs: Any,
+    ) -> Tensor:
+        """A corrected raw chunk (B, n, A), for real-time chunking and other callers that queue by themselves.
+
+        Args:
+            batch: Raw observations.
+            inference_delay: Steps that pass during inference, for an agent that supports real-time chunking.
+            prev_chunk_left_over: What is left of the last chunk, as returned from here, (n, A).
+            **kwargs: Passed on to the agent.
+        """
+        prepared = dict(batch)
+        if prev_chunk_left_over is not None:
+            prepared["action"] = prev_chunk_left_over.to(self.config.device)[None]
+        prepared = self._agent.preprocess(prepared)
+        if prev_chunk_left_over is not None:
+            kwargs["prev_chunk_left_over"] = prepared.pop("action").squeeze(0)
+        if inference_delay is not None:
+            kwargs["inference_delay"] = inference_delay
+        with torch.no_grad():
+            chunk = self._agent.policy.predict_action_chunk(prepared, **kwargs)
+            self._begin(chunk.shape[0])
+            self._propose(chunk)
+            corrected = []
+            while self._proposals:
+                corrected.append(self._correct(batch))
+                self._step += corrected[-1].shape[1]
+            return torch.cat(corrected, dim=1)
+
+    def supports_rtc(self) -> bool:
+        return self._agent.policy.supports_rtc()
+
+    def init_rtc_processor(self) -> None:
+        """LeRobot sets `config.rtc_config` before it calls this; the agent must see it."""
+        self._agent.policy.config.rtc_config = self.config.rtc_config
+        self._agent.policy.init_rtc_processor()
+
+    def get_optim_params(self) -> dict:
+        return self.config.get_optimizer_preset()
+
+    def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict | None]:
+        return self.config.get_optimizer_preset()

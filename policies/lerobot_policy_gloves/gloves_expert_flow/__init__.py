@@ -1,0 +1,1 @@
+"""The expert flow: what the agent's proposals are scored by and edited towards."""

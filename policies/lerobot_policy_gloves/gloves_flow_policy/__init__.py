@@ -1,0 +1,1 @@
+"""The flow policy: the near-expert imitation agent of the paper's experiments."""

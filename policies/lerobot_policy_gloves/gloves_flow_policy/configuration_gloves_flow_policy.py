@@ -1,0 +1,23 @@
+"""Settings of the flow policy."""
+
+from dataclasses import dataclass
+
+from lerobot.configs import PreTrainedConfig
+
+from ..flow.configuration_flow import FlowConfig
+
+
+@PreTrainedConfig.register_subclass("gloves_flow_policy")
+@dataclass
+class GlovesFlowConfig(FlowConfig):
+    """The expert flow's network with the goal as one more token.
+
+    Attributes:
+        goal_feature: Observation key of the goal.
+    """
+
+    goal_feature: str = "observation.goal"
+
+    @property
+    def goal(self) -> str:
+        return self.goal_feature

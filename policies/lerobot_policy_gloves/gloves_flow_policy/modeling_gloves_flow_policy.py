@@ -1,0 +1,11 @@
+"""The goal-conditioned imitation agent (paper, appendix "Imitation Learning Policy with wrapper")."""
+
+from ..flow.modeling_flow import FlowPolicy
+from .configuration_gloves_flow_policy import GlovesFlowConfig
+
+
+class GlovesFlowPolicy(FlowPolicy):
+    """A flow over the expert's chunks that is told the goal."""
+
+    config_class = GlovesFlowConfig
+    name = "gloves_flow_policy"
