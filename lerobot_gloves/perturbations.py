@@ -31,19 +31,28 @@ class Perturbation(ABC):
             seed: The run's seed.
             first_episode: Number of the first environment's episode; the others follow it.
         """
-        self._generators = spawn(seed, batch_size, first_episode=first_episode, stream="perturbation")
+        self._spawned = spawn(seed, batch_size, first_episode=first_episode, stream=type(self).__name__)
 
     @abstractmethod
     def __call__(self, chunk: Tensor) -> Tensor:
         """Perturb chunks (B, T, A) in raw units; returns a new tensor of that shape."""
 
+    def _generators(self, chunk: Tensor) -> list[torch.Generator]:
+        """The generators, one per chunk.
+
+        Raises:
+            ValueError: If `reset` was not called, or for another number of environments.
+        """
+        spawned = getattr(self, "_spawned", [])
+        if len(spawned) != chunk.shape[0]:
+            raise ValueError(
+                f"{type(self).__name__}: reset for {len(spawned)} environments, but got {chunk.shape[0]} chunks"
+            )
+        return spawned
+
     def _happens(self, probability: float, chunk: Tensor) -> Tensor:
         """One independent draw per environment, bool (B, 1, 1)."""
-        if len(self._generators) != chunk.shape[0]:
-            raise ValueError(
-                f"{type(self).__name__}: reset for {len(self._generators)} environments, got {chunk.shape[0]} chunks"
-            )
-        drawn = [torch.rand((), generator=one).item() < probability for one in self._generators]
+        drawn = [torch.rand((), generator=one).item() < probability for one in self._generators(chunk)]
         return torch.tensor(drawn, device=chunk.device)[:, None, None]
 
 
@@ -67,7 +76,7 @@ class Noised(Perturbation):
             raise ValueError(f"Noised: sigma is {self.sigma}, but must not be negative")
 
     def __call__(self, chunk: Tensor) -> Tensor:
-        return chunk + self.sigma * randn(chunk.shape, self._generators, like=chunk)
+        return chunk + self.sigma * randn(chunk.shape, self._generators(chunk), like=chunk)
 
 
 @dataclass

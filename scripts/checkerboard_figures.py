@@ -92,7 +92,7 @@ def training_distribution(points: np.ndarray, labels: np.ndarray, folder: Path) 
 
 def accepted_regions(maps: list[np.ndarray], rows: list[dict[str, float]], alpha: float, folder: Path) -> None:
     """Figure 2: where p > alpha under each label; p-value maps, and the rows of `checkerboard.measure`."""
-    figure, panels = _panels("Accepted region under every query label", square=True)
+    figure, panels = _panels("Accepted region under every query label", height=6.6)
     for label, (axes, p_values) in enumerate(zip(panels, maps, strict=True)):
         _square(axes)
         _cells(axes, label)
@@ -112,7 +112,7 @@ def accepted_regions(maps: list[np.ndarray], rows: list[dict[str, float]], alpha
 
 def partial_coverage(coverages: list[Coverage], alpha: float, folder: Path) -> None:
     """Figure 3: p-values under the last label, the calibration covering more and more classes."""
-    figure, panels = _panels("Query class 7, calibrated on ever more classes", square=True)
+    figure, panels = _panels("Query class 7, calibrated on ever more classes", height=6.1)
     for axes, coverage in zip(panels, coverages, strict=True):
         _square(axes)
         image = axes.pcolormesh(
@@ -142,7 +142,7 @@ def partial_coverage(coverages: list[Coverage], alpha: float, folder: Path) -> N
 
 def id_histograms(coverages: list[Coverage], folder: Path) -> None:
     """Figure 4: scores of the calibration points and of the query's true points."""
-    figure, panels = _panels("Calibration scores and true class-7 scores")
+    figure, panels = _panels("Calibration scores and true class-7 scores", height=4.9)
     highest = 1.8 * max(coverage.threshold for coverage in coverages)
     bins = np.linspace(0, highest, 28)
     for axes, coverage in zip(panels, coverages, strict=True):
@@ -161,7 +161,7 @@ def id_histograms(coverages: list[Coverage], folder: Path) -> None:
 
 def ood_histograms(coverage: Coverage, wrong: list[np.ndarray], folder: Path) -> None:
     """Figure 5: scores of every other class's points under the last label, nearest class first."""
-    figure, panels = _panels("Points of other classes under the label of class 7")
+    figure, panels = _panels("Points of other classes under the label of class 7", height=4.9)
     query = np.array(CORNERS[-1])
     distances = [float(np.linalg.norm(np.array(corner) - query)) for corner in CORNERS[:-1]]
     low = min(np.quantile(coverage.query_scores, 0.01), 0.05)
@@ -187,8 +187,8 @@ def ood_histograms(coverage: Coverage, wrong: list[np.ndarray], folder: Path) ->
     _save(figure, folder, "5_ood_histograms")
 
 
-def _panels(title: str, square: bool = False) -> tuple[Figure, np.ndarray]:
-    figure, panels = plt.subplots(2, 4, figsize=(10.4, 6.7 if square else 4.9), layout="constrained")
+def _panels(title: str, height: float) -> tuple[Figure, np.ndarray]:
+    figure, panels = plt.subplots(2, 4, figsize=(10.4, height), layout="constrained")
     figure.suptitle(title, weight="bold", size=11.5)
     figure.get_layout_engine().set(hspace=0.04, h_pad=0.06)
     return figure, panels.ravel()

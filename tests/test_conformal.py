@@ -81,6 +81,16 @@ def test_the_threshold_admits_exactly_what_the_gate_admits(alpha):
         assert torch.equal(finite <= gate.threshold, gate.admits(finite)), (calibration, gate.threshold)
 
 
+@pytest.mark.parametrize("n", [9, 19, 48, 99])
+def test_the_threshold_agrees_with_the_gate_where_alpha_is_a_p_value(n):
+    """At every multiple of 1 / (n + 1), where alpha * (n + 1) may round either way, and next to it."""
+    scores = torch.arange(n, dtype=torch.float64)
+    for k in range(1, n + 1):
+        for alpha in (k / (n + 1), math.nextafter(k / (n + 1), 0), math.nextafter(k / (n + 1), 1)):
+            gate = ConformalGate(scores, alpha=alpha)
+            assert torch.equal(scores <= gate.threshold, gate.admits(scores)), alpha
+
+
 def test_too_few_calibration_scores_to_reject_anything_admit_everything():
     """The smallest p-value is 1 / (n + 1), so alpha below it never rejects."""
     gate = ConformalGate(double([1.0] * 18), alpha=0.05)

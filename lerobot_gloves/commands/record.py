@@ -1,5 +1,6 @@
 """`gloves record`: a task's scripted expert, recorded as a LeRobotDataset."""
 
+import shlex
 import shutil
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -78,7 +79,7 @@ class RecordConfig:
             for option in fields(options):
                 value = getattr(options, option.name)
                 if option.name not in ("features", "features_map", "root") and value != option.default:
-                    words.append(f"--{part}.{option.name}={value}")
+                    words.append(f"--{part}.{option.name}={shlex.quote(str(value))}")
         return " ".join([*words, f"--seed={self.seed}"])
 
 

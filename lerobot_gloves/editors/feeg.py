@@ -47,7 +47,7 @@ class FEEG:
             Edited chunks, shape (B, T, A), detached.
         """
         if self.start == 1.0:
-            return proposal
+            return proposal.detach()
         # LeRobot evaluates under inference mode, which `enable_grad` alone does not lift; tensors made in it must be
         # cloned outside before autograd takes them. Autocast would round the gradient.
         device = proposal.device.type

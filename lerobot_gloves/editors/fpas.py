@@ -41,6 +41,7 @@ class FPAS:
         if self.sigma < 0:
             raise ValueError(f"FPAS: sigma is {self.sigma}, but must not be negative")
 
+    @torch.no_grad()
     def __call__(
         self,
         proposal: Tensor,
@@ -59,10 +60,10 @@ class FPAS:
             generator: Source of the perturbations.
 
         Returns:
-            Edited chunks, shape (B, T, A).
+            Edited chunks, shape (B, T, A), detached.
         """
         if self.edit == 0:
-            return proposal
+            return proposal.detach()
         batch, (n, shape) = proposal.shape[0], (self.candidates, proposal.shape[1:])
         source, chunk = proposal[:, None], proposal
         for _ in range(self.iterations):

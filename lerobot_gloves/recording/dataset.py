@@ -5,6 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from datasets.utils import disable_progress_bars
 from huggingface_hub import HfApi
 from huggingface_hub.errors import RevisionNotFoundError
 from lerobot.configs import FeatureType
@@ -17,7 +18,15 @@ from lerobot_gloves.recording.demonstrations import MODE, Recordable
 _PACKAGE = Path(__file__).parents[1]
 CARD_FOLDERS = (_PACKAGE / "datasets_cards", _PACKAGE.parent / "datasets_cards")
 """Where the cards of the tasks lie in an installed package and in a checkout."""
-CARD_HEAD = "---\nlicense: apache-2.0\ntags: [LeRobot, robotics]\ntask_categories: [robotics]\n---\n"
+CARD_HEAD = """---
+license: apache-2.0
+task_categories: [robotics]
+tags: [LeRobot, robotics]
+configs:
+- config_name: default
+  data_files: data/*/*.parquet
+---
+"""
 
 
 def dataset_features(env_config: Recordable, *, video: bool) -> dict[str, dict[str, Any]]:
@@ -47,6 +56,7 @@ def assemble(
         video: Images as video instead of one by one.
         command: The command that makes the dataset, for its card.
     """
+    disable_progress_bars()  # of each episode's Parquet conversion
     unfinished = folder / "dataset"
     shutil.rmtree(unfinished, ignore_errors=True)
     features = dataset_features(env_config, video=video)
@@ -57,6 +67,7 @@ def assemble(
         robot_type="panda",
         features=features,
         use_videos=video,
+        video_backend="pyav",  # the default looks for torchcodec first, and prints a page when FFmpeg is missing
         image_writer_threads=2 if any(f["dtype"] in ("image", "video") for f in features.values()) else 0,
     )
     attempts = 0

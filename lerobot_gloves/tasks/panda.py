@@ -9,10 +9,14 @@ import os
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lerobot_gloves.tasks.rendering import decimate_visual_meshes
+
+if TYPE_CHECKING:
+    import mujoco
 
 OLDEST_MUJOCO, FIRST_UNUSABLE_MUJOCO = (3, 8, 1), (3, 10)
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
@@ -70,7 +74,7 @@ def arm_file() -> Path:
     return Path(package.submodule_search_locations[0]) / "models/assets/robots/panda/robot.xml"
 
 
-def panda_scene(*, rod_length: float, rod_radius: float, visual: bool):
+def panda_scene(*, rod_length: float, rod_radius: float, visual: bool) -> "mujoco.MjSpec":
     """A scene with a Panda at the origin that holds a rod, tip site `panda/tip` at the rod's end.
 
     The rod is the arm's only colliding part (contype 1, conaffinity 0): give whatever it may touch conaffinity 1.
@@ -145,7 +149,7 @@ class InverseKinematics:
         posture_gain: Share of the way back to the posture `HOME` that one iteration goes in the null space.
     """
 
-    def __init__(self, model, *, damping: float = 1e-3, posture_gain: float = 0.02) -> None:
+    def __init__(self, model: "mujoco.MjModel", *, damping: float = 1e-3, posture_gain: float = 0.02) -> None:
         self._mujoco = import_mujoco()
         self._model = model
         self._scratch = self._mujoco.MjData(model)

@@ -89,6 +89,11 @@ def test_from_the_end_nothing_is_edited(proposal, flow, dtype):
     assert torch.equal(edited, proposal)
 
 
+def test_from_the_end_not_even_a_broken_field_edits(proposal):
+    edited = FEEG(start=1.0)(proposal, lambda x, t: torch.full_like(x, torch.nan), generator=seeded(0))
+    assert torch.equal(edited, proposal)
+
+
 def test_guidance_pulls_the_edit_towards_the_proposal(flow, proposal):
     distances = [
         (FEEG(start=0.0, align=align)(proposal, flow, generator=seeded(4)) - proposal).norm().item()

@@ -3,8 +3,11 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import gymnasium as gym
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
+from lerobot.envs.utils import FreezeAfterEpisodeEnd
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE
 
 from lerobot_gloves.tasks.slalom.environment import CONTROL_HZ, check_observation_type
@@ -61,7 +64,7 @@ class SlalomEnv(EnvConfig):
         if self.fps != CONTROL_HZ:
             raise ValueError(f"Slalom runs at {CONTROL_HZ} frames a second, not {self.fps}")
         image = f"{OBS_IMAGES}.{CAMERA}"
-        features = {
+        features: dict[str, tuple[str, FeatureType, tuple[int, ...]]] = {
             ACTION: (ACTION, FeatureType.ACTION, (2,)),
             "agent_pos": (OBS_STATE, FeatureType.STATE, (4,)),
             "goal": ("observation.goal", FeatureType.STATE, (sum(GAPS),)),
@@ -88,6 +91,24 @@ class SlalomEnv(EnvConfig):
             "mode": self.mode,
             "render_mode": self.render_mode,
         }
+
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv]]:
+        """LeRobot's vector environment, `{type: {0: env}}`, in which one whose episode is over rests.
+
+        LeRobot's own begins another episode in it until the last of the batch has finished: work for nothing, and
+        nobody can tell that what a policy does there does not count.
+        """
+
+        def make() -> gym.Env:
+            return FreezeAfterEpisodeEnd(gym.make(self.gym_id, disable_env_checker=True, **self.gym_kwargs))
+
+        mode = AutoresetMode.SAME_STEP
+        vector: VectorEnv
+        if use_async_envs and n_envs > 1:
+            vector = AsyncVectorEnv([make] * n_envs, autoreset_mode=mode, context="forkserver")
+        else:
+            vector = SyncVectorEnv([make] * n_envs, autoreset_mode=mode)
+        return {self.type: {0: vector}}
 
     def make_expert(self, rng: "np.random.Generator") -> "SlalomExpert":
         """The scripted expert that demonstrates this task."""

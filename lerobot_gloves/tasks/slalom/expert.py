@@ -8,7 +8,7 @@ import numpy as np
 from lerobot_gloves.tasks.slalom.environment import MAX_DELTA
 from lerobot_gloves.tasks.slalom.scene import ROW_Y, START, nearest_pillar, parse_mode
 
-GAP_CENTRES = ((0.43, 0.57), (0.35, 0.5, 0.65), (0.275, 0.425, 0.575, 0.725))
+GAP_CENTRES = ((0.425, 0.575), (0.35, 0.5, 0.65), (0.275, 0.425, 0.575, 0.725))
 """Where each gap of each row is passed on average, metres."""
 
 
@@ -37,10 +37,10 @@ class SlalomExpert:
         """
         rng = self._rng
         centres = [GAP_CENTRES[row][gap] for row, gap in enumerate(parse_mode(mode))]
-        row_x = np.array(centres) + rng.uniform(-0.015, 0.015, 3)
+        row_x = np.array(centres) + rng.uniform(-0.0125, 0.0125, 3)
         offsets = np.diff(row_x, prepend=START[0])
         # Between two rows the path changes x only from `begin` to `end`: a wide bend keeps clear of both rows.
-        margins = rng.uniform(0.0, 0.02, (2, 3)) + np.outer([0.06, 0.12], np.abs(offsets))
+        margins = rng.uniform(0.01, 0.03, (2, 3)) + 0.05 * np.abs(offsets)
         begin, end = np.array([START[1], *ROW_Y[:2]]) + margins[0], np.array(ROW_Y) - margins[1]
         self._bends = np.stack([begin, end, offsets])
         self._speed = rng.uniform(0.005, 0.007)
@@ -48,7 +48,7 @@ class SlalomExpert:
         self._drift = 0.0  # of the logarithm of the speed
         self._tremor = 0.0  # metres a step, sideways
         self._push_starts = np.cumsum(rng.exponential(30.0, 8) + 25.0) - 25.0
-        self._push_sizes = rng.uniform(0.02, 0.04, 8) * rng.choice([-1.0, 1.0], 8)
+        self._push_sizes = rng.uniform(0.008, 0.016, 8) * rng.choice([-1.0, 1.0], 8)
         self._push_steps = rng.uniform(24.0, 32.0, 8)
         self._step = 0
 
@@ -74,7 +74,7 @@ class SlalomExpert:
         action = self._speed * np.exp(self._drift) * direction + [self._tremor + self._push(), 0.0]
         self._step += 1
         room, away = nearest_pillar(set_point)
-        care = np.clip((0.025 - room) / 0.019, 0.0, 1.0)  # within 6 mm of a pillar, only along it or away from it
+        care = np.clip((0.03 - room) / 0.015, 0.0, 1.0)  # within 15 mm of a pillar, only along it or away from it
         action += care * max(0.0, -action @ away) * away
         return np.clip(action, -MAX_DELTA, MAX_DELTA).astype(np.float32)
 

@@ -7,11 +7,16 @@ line behind them through one gap of each row. Everything is in metres, in the ro
 import itertools
 import os
 from functools import cache
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lerobot_gloves.tasks.panda import HOME, InverseKinematics, import_mujoco, panda_scene
 from lerobot_gloves.tasks.rendering import FrameRenderer
+
+if TYPE_CHECKING:
+    import mujoco
 
 START = np.array([0.525, -0.28])
 GOAL_Y = 0.35
@@ -47,7 +52,7 @@ def gap_of(row: int, x: float) -> int:
 
 
 def nearest_pillar(xy: np.ndarray) -> tuple[float, np.ndarray]:
-    """Free distance between the rod, centred at xy (2,), and the nearest pillar, and the direction (2,) away from it."""
+    """Free distance between the rod, centred at xy (2,), and the nearest pillar; the direction (2,) away from it."""
     offsets = xy - PILLARS
     rooms = np.linalg.norm(offsets, axis=1) - PILLAR_RADII - ROD_RADIUS
     nearest = int(rooms.argmin())
@@ -55,7 +60,7 @@ def nearest_pillar(xy: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 @cache
-def model(*, visual: bool = False):
+def model(*, visual: bool = False) -> "mujoco.MjModel":
     """The compiled scene, one a process: without meshes to move in, with them to draw from."""
     mujoco = import_mujoco()
     scene = panda_scene(rod_length=ROD_LENGTH, rod_radius=ROD_RADIUS, visual=visual)
@@ -73,7 +78,7 @@ def model(*, visual: bool = False):
     return scene.compile()
 
 
-def _decorate(scene, mujoco) -> None:
+def _decorate(scene: "mujoco.MjSpec", mujoco: ModuleType) -> None:
     """Add what only pictures need: floor, lines, light, sky, camera."""
     world = scene.worldbody
     for half_size, position, colour in (

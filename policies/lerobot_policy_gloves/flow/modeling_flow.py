@@ -1,5 +1,6 @@
 """Training and sampling shared by the policies that are flows."""
 
+import logging
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +12,7 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
+from lerobot_gloves.calibration import Calibration, weights_hash
 from lerobot_gloves.flow import flow_matching_loss, integrate
 from lerobot_gloves.generators import Episodes, randn, spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
@@ -25,6 +27,10 @@ class FlowPolicy(PreTrainedPolicy):
 
     Two copies of the network live side by side: the one that is trained and its exponential moving average, which
     evaluation uses. A checkpoint that holds the average alone is complete for inference.
+
+    Attributes:
+        calibration: The calibration of the checkpoint that these weights are from, None if it has none. Saving and
+            pushing the policy carries it along, as long as it belongs to the weights.
     """
 
     config_class = FlowConfig
@@ -53,6 +59,7 @@ class FlowPolicy(PreTrainedPolicy):
                 encoder.load_pretrained(config.pretrained_backbone_weights)
         self.ema = AveragedModel(self.network, multi_avg_fn=self._average)
         self.ema.requires_grad_(False)
+        self.calibration: Calibration | None = None
         self._episodes = Episodes()
         self.reset()
 
@@ -63,7 +70,19 @@ class FlowPolicy(PreTrainedPolicy):
             config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=kwargs.get("revision"))
         if not config.pretrained_path:
             config.pretrained_path = pretrained_name_or_path
-        return super().from_pretrained(pretrained_name_or_path, config=config, **kwargs)
+        policy = super().from_pretrained(pretrained_name_or_path, config=config, **kwargs)
+        policy.calibration = Calibration.load(pretrained_name_or_path, kwargs.get("revision"))
+        return policy
+
+    def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
+        super()._save_pretrained(save_directory, state_dict=state_dict)
+        if self.calibration is None:
+            return
+        if weights_hash(self.state_dict() if state_dict is None else state_dict) == self.calibration.weights:
+            self.calibration.save(save_directory)
+        else:
+            logging.warning("the weights have changed, so their calibration is not saved: run gloves calibrate again")
+            self.calibration = None
 
     @classmethod
     def _load_as_safetensor(cls, model: "FlowPolicy", model_file: str, map_location: str, strict: bool):
@@ -72,20 +91,20 @@ class FlowPolicy(PreTrainedPolicy):
                 found = set(file.keys())
         except (SafetensorError, OSError) as error:
             raise ValueError(f"{Path(model_file)} is not a readable safetensors file: {error}") from error
-        expected = set(model.state_dict())
-        averaged = {key for key in expected if not key.startswith(RAW)}
-        if not averaged <= found <= expected:
-            wrong = sorted((averaged - found) | (found - expected))
+        expected, averaged_only = set(model.state_dict()), not any(key.startswith(RAW) for key in found)
+        if averaged_only:
+            expected = {key for key in expected if not key.startswith(RAW)}
+        if found != expected:
             raise ValueError(
-                f"{Path(model_file)} does not hold the weights of this {cls.name}: "
-                f"{len(averaged - found)} are missing and {len(found - expected)} are foreign, such as {wrong[0]!r}"
+                f"{Path(model_file)} does not hold the weights of this {cls.name}: {len(expected - found)} are missing "
+                f"and {len(found - expected)} are foreign, such as {min(found ^ expected)!r}"
             )
         try:
             super()._load_as_safetensor(model, model_file, map_location, strict=False)
         except RuntimeError as error:
             mismatch = str(error).strip().splitlines()[-1].strip()
             raise ValueError(f"{Path(model_file)} holds weights of another size: {mismatch}") from error
-        if not any(key.startswith(RAW) for key in found):
+        if averaged_only:
             model.network.load_state_dict(model.ema.module.state_dict())
         return model
 

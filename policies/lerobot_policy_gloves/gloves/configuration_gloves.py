@@ -65,13 +65,13 @@ class GlovesConfig(PreTrainedConfig):
     push_to_hub: bool = False
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.adapter is None and (self.gate or self.method not in (None, "none")):
             raise ValueError("gloves: --policy.method and --policy.gate need --policy.adapter, a trained checkpoint")
         if self.method is None:
             self.method = "none" if self.adapter is None else "feeg"
         if self.agent:
             self.adopt_agent()
+        super().__post_init__()
 
     def adopt_agent(self) -> None:
         """Read the agent's configuration and take over what LeRobot asks a policy's configuration for."""
@@ -83,7 +83,8 @@ class GlovesConfig(PreTrainedConfig):
         self.agent_config.pretrained_revision = self.agent_revision
         self.input_features = dict(self.agent_config.input_features or {})
         self.output_features = dict(self.agent_config.output_features or {})
-        self.device, self.use_amp = self.agent_config.device, self.agent_config.use_amp
+        self.device = self.device or self.agent_config.device
+        self.use_amp = self.use_amp or self.agent_config.use_amp
         self.n_obs_steps = self.agent_config.n_obs_steps
         if self.pretrained_path is None:
             self.pretrained_path = PASSTHROUGH
@@ -98,7 +99,8 @@ class GlovesConfig(PreTrainedConfig):
     def __setattr__(self, name: str, value: Any) -> None:
         # With --policy.path=AGENT --policy.wrap=gloves, LeRobot assigns the agent's path to what it takes for the
         # agent's configuration. It has been noted as `agent`; the wrapper's own processors are the pass-through ones.
-        if name == "pretrained_path" and value is not None and str(value) == self.__dict__.get("agent"):
+        agent = self.__dict__.get("agent")
+        if name == "pretrained_path" and value is not None and agent is not None and Path(value) == Path(agent):
             value = PASSTHROUGH
         super().__setattr__(name, value)
 

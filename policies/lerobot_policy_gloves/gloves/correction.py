@@ -54,7 +54,7 @@ class Corrector:
         adapter_config.pretrained_revision = config.adapter_revision
         check_features(config, adapter_config)
         self.loaded = load_policy(adapter_config, config.device)
-        self.adapter = self.loaded.policy
+        self.adapter = self.loaded.policy.requires_grad_(False)
         if not isinstance(self.adapter, Adapter):
             raise ValueError(
                 f"{config.adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
@@ -69,28 +69,30 @@ class Corrector:
         self.chunk_size = adapter_config.chunk_size
         self.gated, self.alpha = config.gate, config.alpha
         self.scored = config.gate or config.log is not None
+        self.specification = specification(self.score, self.adapter.scores)
         self.calibration = Calibration.load(config.adapter, config.adapter_revision)
+        self._gates: dict[int, ConformalGate] = {}
         if self.calibration is not None:
             self.calibration.check(weights_hash(self.adapter.state_dict()))
-            self.calibration.of(specification(self.score, self.adapter.scores), 1)
-        elif config.gate:
+        if not config.gate:
+            return
+        if self.calibration is None:
             raise ValueError(
                 f"the gate needs a calibration, and {config.adapter} has none: run gloves calibrate "
                 f"--policy.path={config.adapter} --dataset.repo_id=<held-out expert episodes>"
             )
-        self._gates: dict[int, ConformalGate] = {}
+        self.gate(1)  # An uncalibrated score or a wrong alpha shall not wait for the first chunk.
 
     def reset(self) -> None:
         """A new episode begins."""
         self.loaded.reset()
 
     def gate(self, length: int) -> ConformalGate | None:
-        """The gate for proposals of that many actions, None without a calibration."""
-        if self.calibration is None:
+        """The gate for proposals of that many actions, None if nobody asked for one and the score is uncalibrated."""
+        if not self.gated and (self.calibration is None or self.specification not in self.calibration.scores):
             return None
         if length not in self._gates:
-            scores = self.calibration.of(specification(self.score, self.adapter.scores), length)
-            self._gates[length] = ConformalGate(scores, self.alpha)
+            self._gates[length] = ConformalGate(self.calibration.of(self.specification, length), self.alpha)
         return self._gates[length]
 
     def __call__(
@@ -102,18 +104,27 @@ class Corrector:
             observation: Raw observations, batched.
             proposal: Raw actions (B, n, A), n at most the adapter's chunk size.
             generators: One per environment.
+
+        Raises:
+            ValueError: If the adapter needs an observation that is not there.
         """
         began = time.perf_counter()
         length = proposal.shape[1]
         chunk = pad(proposal, self.chunk_size)
         named = {self.rename_map.get(key, key): value for key, value in observation.items()}
+        missing = self.inputs - named.keys()
+        if missing:
+            raise ValueError(
+                f"the adapter needs {', '.join(sorted(missing))}, but is given only {', '.join(sorted(named))}: rename "
+                "by --policy.adapter_rename_map, or take an adapter for these observations"
+            )
         # The task's text and the other observations are the agent's.
         batch = self.loaded.preprocess({**{k: v for k, v in named.items() if k in self.inputs}, "action": chunk})
         bound, chunk, gate = self.adapter.bind(batch), batch["action"], self.gate(length)
         score = bound.score(chunk, self.score, length=length) if self.scored else None
         p_value = gate.p_value(score) if self.gated and gate is not None and score is not None else None
-        admitted = gate.admits(score) if p_value is not None else torch.zeros(len(chunk), dtype=torch.bool)
-        admitted = admitted.to(chunk.device)
+        # Masks stay on the CPU, where the actions are; they may index tensors on any device.
+        admitted = gate.admits(score).cpu() if p_value is not None else torch.zeros(len(chunk), dtype=torch.bool)
         evaluations = torch.full((len(chunk),), float(bound.evaluations))
         executed, distance = proposal.clone(), torch.zeros(len(chunk))
         edited = ~admitted if self.editor is not None else torch.zeros_like(admitted)
@@ -129,8 +140,8 @@ class Corrector:
             )
             executed[edited] = self.loaded.postprocess(result)[:, :length].to(executed)
             moved = (result - chunk[edited])[:, :length].norm(dim=-1).mean(dim=-1)
-            distance[edited.cpu()] = moved.cpu()
-            evaluations[edited.cpu()] += some.evaluations
+            distance[edited] = moved.cpu()
+            evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
 
@@ -147,6 +158,11 @@ def check_features(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
             f"the adapter edits actions of {theirs.shape[0]} dimensions, but the agent's have {ours.shape[0]}"
         )
     given = {agent.adapter_rename_map.get(key, key) for key in agent.image_features}
+    for key, feature in agent.input_features.items():
+        renamed = agent.adapter_rename_map.get(key, key)
+        other = adapter.input_features.get(renamed)
+        if other is not None and key not in agent.image_features and tuple(other.shape) != tuple(feature.shape):
+            raise ValueError(f"the adapter's {renamed} has shape {other.shape}, but the agent's has {feature.shape}")
     missing = set(adapter.image_features) - given
     if missing:
         raise ValueError(

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies import get_policy_class, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
@@ -12,7 +11,7 @@ from lerobot.processor import PolicyProcessorPipeline
 
 @dataclass
 class LoadedPolicy:
-    """A frozen policy, its preprocessor and its postprocessor.
+    """A policy that acts but does not learn, its preprocessor and its postprocessor.
 
     Not a module, so that whoever holds it does not save its weights as its own.
     """
@@ -45,6 +44,6 @@ def load_policy(config: PreTrainedConfig, device: str) -> LoadedPolicy:
     preprocess, postprocess = make_pre_post_processors(
         config, path, pretrained_revision=revision, preprocessor_overrides=overrides
     )
-    with torch.no_grad():
-        policy.to(device).eval().requires_grad_(False)
-    return LoadedPolicy(policy, preprocess, postprocess)
+    # No `requires_grad_(False)`: whether a weight requires a gradient decides how torch folds a matrix product, also
+    # where none is computed, and the agent's actions would differ from the bare agent's in their last bit.
+    return LoadedPolicy(policy.to(device).eval(), preprocess, postprocess)

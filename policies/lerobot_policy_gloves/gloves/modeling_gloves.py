@@ -14,7 +14,7 @@ from torch import Tensor
 from lerobot_gloves.generators import Episodes, spawn
 
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
-from .correction import Corrector
+from .correction import Correction, Corrector
 from .journal import Journal
 from .loading import load_policy
 from .proposals import ChunkTap
@@ -30,6 +30,10 @@ class GlovesPolicy(PreTrainedPolicy):
     The agent is asked for an action at every step, so that its own queues and histories go on as without a wrapper. The
     chunk that it computes is its proposal; whenever an unedited action becomes due, the adapter takes the next ones, at
     most its own chunk size, and corrects them under the observation of that moment. Actions in and out are raw.
+
+    Attributes:
+        correction: What the last `select_action` did to the proposals that became due, a `Correction`; None if none
+            became due, or there is no adapter.
     """
 
     config_class = GlovesConfig
@@ -44,7 +48,9 @@ class GlovesPolicy(PreTrainedPolicy):
         # Neither agent nor adapter is a submodule: their weights are not the wrapper's to save.
         self._agent = load_policy(config.agent_config, config.device)
         self._tap = ChunkTap(self._agent.policy)
-        self._corrector = Corrector(config) if config.adapter else None
+        # The adapter's weights are drawn before they are loaded, but the agent's noise shall be as without an adapter.
+        with torch.random.fork_rng(devices=[]):
+            self._corrector = Corrector(config) if config.adapter else None
         self._journal = Journal(config.log)
         self._episodes = Episodes()
         atexit.register(self._journal.report)
@@ -78,6 +84,7 @@ class GlovesPolicy(PreTrainedPolicy):
         if self._corrector is not None:
             self._corrector.reset()
         self._episodes.reset()
+        self.correction: Correction | None = None
         self._step = 0
         self._observed: Tensor | None = None
         self._proposals: deque[Tensor] = deque()
@@ -88,9 +95,10 @@ class GlovesPolicy(PreTrainedPolicy):
         """The next raw action (B, A) for raw observations.
 
         Raises:
-            NonFiniteProposalError: If the agent proposes NaN or infinity.
+            NonFiniteProposalError: If the agent proposes, or the editor returns, NaN or infinity.
         """
         self._tap.clear()
+        self.correction = None
         action = self._agent.policy.select_action(self._agent.preprocess(dict(batch)), **kwargs)
         self._begin(action.shape[0])
         proposal = self._tap.proposal(action)
@@ -98,8 +106,9 @@ class GlovesPolicy(PreTrainedPolicy):
             self._propose(proposal)
         elif not self._proposals and not self._action_queue:
             self._propose(action[:, None])
+        running = self._running(batch)
         if not self._action_queue:
-            self._action_queue.extend(self._correct(batch).unbind(dim=1))
+            self._action_queue.extend(self._correct(batch, running).unbind(dim=1))
         self._step += 1
         return self._action_queue.popleft()
 
@@ -114,19 +123,23 @@ class GlovesPolicy(PreTrainedPolicy):
 
     def _propose(self, proposal: Tensor) -> None:
         """Take a normalised proposal (B, n, A) of the agent; what was left of the last one is void."""
-        raw = self._agent.postprocess(proposal.clone())
+        # Action by action, as without a wrapper: some policies' processors take nothing but (B, A).
+        raw = torch.stack([self._agent.postprocess(action) for action in proposal.clone().unbind(dim=1)], dim=1)
         if self.config.perturbation is not None:
             raw = self.config.perturbation(raw)
-        finite = raw.isfinite().flatten(1).all(dim=1)
-        if not finite.all():
-            row = int((~finite).nonzero()[0])
-            raise NonFiniteProposalError(
-                f"the agent proposed a non-finite action in environment {row} at step {self._step}: {raw[row].tolist()}"
-            )
+        self._check_finite(raw, "the agent proposed")
         self._action_queue.clear()
         self._proposals = deque(raw.unbind(dim=1))
 
-    def _correct(self, observation: dict[str, Any]) -> Tensor:
+    def _check_finite(self, chunk: Tensor, origin: str) -> None:
+        finite = chunk.isfinite().flatten(1).all(dim=1)
+        if not finite.all():
+            row = int((~finite).nonzero()[0])
+            raise NonFiniteProposalError(
+                f"{origin} a non-finite action in environment {row} at step {self._step}: {chunk[row].tolist()}"
+            )
+
+    def _correct(self, observation: dict[str, Any], running: Tensor) -> Tensor:
         """Correct the next proposed actions: raw (B, n, A)."""
         if self._corrector is None:
             window = torch.stack(list(self._proposals), dim=1)
@@ -139,15 +152,24 @@ class GlovesPolicy(PreTrainedPolicy):
         with torch.inference_mode(False), torch.no_grad(), torch.autocast(device, enabled=False):
             tensors = {key: value.clone() for key, value in observation.items() if isinstance(value, Tensor)}
             correction = self._corrector(tensors, window.clone(), self._generators)
-        self._journal.note(correction, self._episodes.first, self._step, self._running(tensors))
+        self.correction = correction
+        self._check_finite(correction.action, "the editor returned")
+        self._journal.note(correction, self._episodes.first, self._step, running)
         return correction.action
 
-    def _running(self, observation: dict[str, Tensor]) -> Tensor:
-        """Which environments still run: LeRobot freezes a finished one, observation and all."""
-        states = [value.flatten(1).float() for key, value in sorted(observation.items()) if value.ndim > 1]
-        now = torch.cat([state[:, :: max(1, state.shape[1] // 64)] for state in states], dim=1).cpu()
+    def _running(self, observation: dict[str, Any]) -> Tensor:
+        """Which environments still run, bool (B,): one that has finished before the others of its batch stands still.
+
+        Looks at a sample of each observation, at every step, for what has changed since the last.
+        """
+        tensors = [value for _, value in sorted(observation.items()) if isinstance(value, Tensor) and value.ndim > 1]
+        states = [value.flatten(1) for value in tensors]
+        now = torch.cat([state[:, :: max(1, state.shape[1] // 64)].float() for state in states], dim=1).cpu()
         before, self._observed = self._observed, now
-        return torch.ones(len(now), dtype=torch.bool) if before is None else (now != before).any(dim=1)
+        # A single one ends its batch when it finishes; if it stands still, it still runs.
+        if before is None or len(now) == 1:
+            return torch.ones(len(now), dtype=torch.bool)
+        return (now != before).any(dim=1)
 
     def predict_action_chunk(
         self,
@@ -176,9 +198,9 @@ class GlovesPolicy(PreTrainedPolicy):
             chunk = self._agent.policy.predict_action_chunk(prepared, **kwargs)
             self._begin(chunk.shape[0])
             self._propose(chunk)
-            corrected = []
+            corrected, running = [], self._running(batch)
             while self._proposals:
-                corrected.append(self._correct(batch))
+                corrected.append(self._correct(batch, running))
                 self._step += corrected[-1].shape[1]
             return torch.cat(corrected, dim=1)
 

@@ -52,7 +52,13 @@ class ChunkTap:
             The proposal, or None if the agent did not plan at this step, or plans no chunks.
         """
         chunk = self.chunk
-        if chunk is None or chunk.ndim != 3 or chunk.shape[0] != action.shape[0]:
+        if chunk is None or chunk.ndim != 3:
+            return None
+        batch_size = action.shape[0]
+        # TDMPC's chunks are (n, B, A); where n is B, their values tell.
+        if chunk.shape[1] == batch_size and (chunk.shape[0] != batch_size or torch.equal(chunk[0], action)):
+            chunk = chunk.transpose(0, 1)
+        if chunk.shape[0] != batch_size:
             return None
         rest = chunk[:, 1 : self._executed]
         return torch.cat([action[:, None], rest], dim=1)

@@ -29,20 +29,30 @@ def install() -> None:
         wrap, overrides = split_options(overrides, {WRAP})
         if not wrap:
             return original(cls, pretrained_name_or_path, **kwargs)
-        name = wrap[-1].split("=", 1)[-1]
+        name = _value(wrap)
         if name != "gloves":
             raise ValueError(f"unknown --policy.wrap={name}: the only wrapper is gloves")
         wrapper = PreTrainedConfig.get_choice_class(name)
         own = {field.name for field in fields(wrapper)} - {field.name for field in fields(PreTrainedConfig)}
+        pinned, overrides = split_options(overrides, {"pretrained_revision"})
         mine, agents = split_options(overrides, own)
+        # What both have, such as a seed, is the wrapper's; this option still reaches the agent's.
+        shared, mine = split_options(mine, {"agent_overrides"})
         mine.append(f"--agent={pretrained_name_or_path}")
-        if kwargs.get("revision"):
-            mine.append(f"--agent_revision={kwargs['revision']}")
-        mine.append(f"--agent_overrides={json.dumps(agents)}")
+        revision = kwargs.get("revision") or _value(pinned)
+        if revision:
+            mine.append(f"--agent_revision={revision}")
+        mine.append(f"--agent_overrides={json.dumps(agents + json.loads(_value(shared) or '[]'))}")
         with draccus.config_type("json"):
             return draccus.parse(wrapper, args=mine)
 
     PreTrainedConfig.from_pretrained = classmethod(from_pretrained)
+
+
+def _value(option: list[str]) -> str | None:
+    """Value of `--name=value` or `--name value`, the last one if there are several; None if there is none."""
+    last = option[-1] if option else None
+    return last.partition("=")[2] if last is not None and last.startswith("--") else last
 
 
 def split_options(arguments: list[str], names: Collection[str]) -> tuple[list[str], list[str]]:

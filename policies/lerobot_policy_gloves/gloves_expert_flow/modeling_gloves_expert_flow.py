@@ -1,6 +1,7 @@
 """The expert flow as an adapter."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import torch
@@ -69,8 +70,5 @@ class BoundExpertFlow:
         if threshold is None:
             raise ValueError("fpas searches below the gate's threshold: calibrate the adapter (gloves calibrate)")
 
-        @torch.no_grad()
-        def windowed(velocity: BoundVelocity, chunk: Tensor) -> Tensor:
-            return score(velocity, chunk, length=length)
-
+        windowed = partial(score, length=length)
         return editor(proposal, self.velocity, score=windowed, threshold=threshold, generator=generator)

@@ -1,0 +1,123 @@
+"""`gloves demo`: an imperfect policy gets better without being touched."""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from lerobot.configs import parser
+from lerobot.utils.import_utils import register_third_party_plugins
+
+from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED
+from lerobot_gloves.demo.evaluation import Method, Setting, evaluation, perturbation_options, read
+from lerobot_gloves.demo.processes import clock, run
+from lerobot_gloves.demo.show import PICTURE, VIDEO, draw_paths, write_video
+from lerobot_gloves.demo.table import table
+from lerobot_gloves.demo.training import Training, train_pair
+from lerobot_gloves.editors import FEEG, FPAS
+from lerobot_gloves.scores import SCORES
+from lerobot_gloves.specification import parse
+
+TEST_SEEDS = 10000
+"""Where the seeds of tests begin."""
+TABLE = "table.md"
+
+
+# LeRobot's parser shows the comments above the options in --help; a list of them in the docstring would confuse it.
+@dataclass(kw_only=True)
+class DemoConfig:
+    """Evaluate one policy raw and corrected under a perturbation; with --train=true make the policies first."""
+
+    # What makes the agent imperfect: noised, laggy, slow or shift, with its options.
+    perturbation: str = "noised:sigma=0.005"
+    # Options of FPAS, such as fpas:candidates=32.
+    fpas: str = "fpas"
+    # Options of FEEG, such as feeg:start=0.4.
+    feeg: str = "feeg"
+    # Nonconformity score of the gate and its options.
+    score: str = "reverse:steps=1"
+    # The gate's significance level.
+    alpha: float = 0.05
+    # Episodes of each method.
+    episodes: int = 96
+    # Seed of the first episode; the others follow it.
+    seed: int = TEST_SEEDS
+    # Folder of another agent for Slalom than the one that ships with the package.
+    agent: Path | None = None
+    # Folder of another expert flow, calibrated.
+    expert_flow: Path | None = None
+    # Where everything is written.
+    output_dir: Path = Path("outputs/demo")
+    # Make agent and expert flow from nothing; run again, it goes on where it stopped.
+    train: bool = False
+    # Demonstrations to train on.
+    demonstrations: int = 400
+    # Optimiser steps of each of the two; by default what their configurations say.
+    steps: int | None = None
+
+    def __post_init__(self) -> None:
+        perturbation_options(self.perturbation)
+        parse(self.fpas, {"fpas": FPAS}, "method")
+        parse(self.feeg, {"feeg": FEEG}, "method")
+        parse(self.score, SCORES, "score")
+        if self.episodes < 1:
+            raise ValueError(f"episodes is {self.episodes}, but must be at least 1")
+        if self.train and (self.agent or self.expert_flow):
+            raise ValueError("--train=true makes agent and expert flow: leave --agent and --expert_flow out")
+
+
+@parser.wrap()
+def demo(cfg: DemoConfig) -> None:
+    """Run `gloves demo`."""
+    began = time.monotonic()
+    if cfg.train:
+        agent, expert_flow = train_pair(Training(cfg.output_dir, cfg.demonstrations, cfg.steps, cfg.score), began=began)
+    else:
+        agent, expert_flow = cfg.agent or PACKAGED / AGENT, cfg.expert_flow or PACKAGED / EXPERT_FLOW
+    for option, folder in (("agent", agent), ("expert_flow", expert_flow)):
+        if not (folder / "config.json").is_file():
+            raise FileNotFoundError(f"--{option}: {folder} holds no policy")
+    setting = Setting(agent, cfg.perturbation, cfg.episodes, cfg.seed, cfg.output_dir / "evaluations")
+    print(f"{headline(setting)}: two runs of lerobot-eval side by side", flush=True)
+    chosen = methods(cfg, expert_flow)
+    run([evaluation(setting, method) for method in chosen], began=began)
+    results = [read(setting, method) for method in chosen]
+    text = table(results)
+    print(f"\n{text}\n", flush=True)
+    draw_paths(setting, results[0], results[-1], cfg.output_dir / PICTURE)
+    note = write_video(setting, results[0], results[-1], cfg.output_dir / VIDEO)
+    (cfg.output_dir / TABLE).write_text(f"{headline(setting)}.\n\n{text}\n\n{note}\n")
+    written = [cfg.output_dir / name for name in (TABLE, PICTURE, VIDEO)]
+    print(note, *(file for file in written if file.exists()), sep="\n")
+    print(f"[{clock(time.monotonic() - began)}] done")
+
+
+def headline(setting: Setting) -> str:
+    """What all runs have in common."""
+    last = setting.seed + setting.episodes - 1
+    return (
+        f"Slalom, agent {setting.perturbation}, the same {setting.episodes} episodes each (seeds {setting.seed}-{last})"
+    )
+
+
+def methods(cfg: DemoConfig, expert_flow: Path) -> list[Method]:
+    """The rows of the table; the last one is the corrected agent of the picture and the video."""
+    adapter = [f"--policy.adapter={expert_flow}", f"--policy.score={cfg.score}"]
+    feeg = [*adapter, f"--policy.method={cfg.feeg}"]
+    return [
+        Method("raw", "raw agent"),
+        Method("fpas", "FPAS", [*adapter, f"--policy.method={cfg.fpas}"]),
+        Method("feeg", "FEEG", feeg),
+        Method("feeg_gate", "FEEG + gate", [*feeg, "--policy.gate=true", f"--policy.alpha={cfg.alpha}"]),
+    ]
+
+
+def main() -> None:
+    """Entry point."""
+    register_third_party_plugins()
+    with one_line_errors("gloves demo"):
+        try:
+            demo()
+        except ChildProcessError as error:
+            sys.exit(f"gloves demo: {error}")

@@ -1,0 +1,140 @@
+"""The demo's runs of `lerobot-eval`, and what they leave on disk."""
+
+import json
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from lerobot_gloves.demo.processes import Job, console_script
+from lerobot_gloves.perturbations import PERTURBATIONS
+from lerobot_gloves.specification import parse
+
+CHUNK_LOG = "chunks.jsonl"
+ROLLED_OUT = re.compile(r"Running rollout.*?(?P<done>\d+)/(?P<total>\d+) ")
+
+
+@dataclass(frozen=True)
+class Method:
+    """A row of the demo's table.
+
+    Attributes:
+        name: Its folder.
+        label: What the user reads.
+        options: Options of the wrapper.
+    """
+
+    name: str
+    label: str
+    options: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all runs share.
+
+    Attributes:
+        agent: Folder of the agent.
+        perturbation: What is done to it, such as `noised:sigma=0.005`.
+        episodes: How many, all side by side.
+        seed: Seed of the first environment; environment i has seed + i.
+        folder: Where the runs write, each in a folder of its own.
+    """
+
+    agent: Path
+    perturbation: str
+    episodes: int
+    seed: int
+    folder: Path
+
+
+@dataclass
+class Result:
+    """What a run left.
+
+    Attributes:
+        method: What ran.
+        successes: Per episode.
+        actions: Per episode, executed actions (L, 2), metres.
+        set_points_and_tips: Per episode, what was observed before each of them, (L, 4), metres.
+        chunks: Lines of the wrapper's log; none for the raw agent.
+    """
+
+    method: Method
+    successes: list[bool]
+    actions: list[np.ndarray]
+    set_points_and_tips: list[np.ndarray]
+    chunks: list[dict] = field(default_factory=list)
+
+    @property
+    def intervention_rate(self) -> float | None:
+        """Share of chunks that were edited."""
+        return float(np.mean([chunk["edited"] for chunk in self.chunks])) if self.chunks else None
+
+    @property
+    def distance(self) -> float | None:
+        """Mean distance of executed from proposed actions over all chunks, in the adapter's normalised units."""
+        return float(np.mean([chunk["distance"] for chunk in self.chunks])) if self.chunks else None
+
+
+def evaluation(setting: Setting, method: Method) -> Job:
+    """The run of a method. What an earlier one left in its folder is removed.
+
+    All episodes run in one batch and are recorded as datasets, instead of some of them as videos: actions and
+    observations of every episode are what the picture and the video are made from.
+    """
+    folder = setting.folder / method.name
+    shutil.rmtree(folder, ignore_errors=True)
+    command = [
+        console_script("lerobot-eval"),
+        f"--policy.path={setting.agent}",
+        "--policy.wrap=gloves",
+        "--policy.device=cpu",
+        *perturbation_options(setting.perturbation),
+        *method.options,
+        f"--policy.log={folder / CHUNK_LOG}",
+        "--env.type=gloves_slalom",
+        "--env.obs_type=state",
+        f"--eval.n_episodes={setting.episodes}",
+        f"--eval.batch_size={setting.episodes}",
+        "--eval.use_async_envs=false",
+        "--eval.recording=true",
+        f"--seed={setting.seed}",
+        f"--output_dir={folder}",
+    ]
+    return Job(method.label, command, folder.with_suffix(".log"), ROLLED_OUT)
+
+
+def perturbation_options(specification: str) -> list[str]:
+    """Options of the wrapper for a perturbation, such as `noised:sigma=0.005`.
+
+    Raises:
+        ValueError: If it is not one; the message lists the valid ones.
+    """
+    perturbation = parse(specification, PERTURBATIONS, "perturbation")
+    name = specification.partition(":")[0]
+    values = [f"--policy.perturbation.{one.name}={getattr(perturbation, one.name)}" for one in fields(perturbation)]
+    return [f"--policy.perturbation.type={name}", *values]
+
+
+def read(setting: Setting, method: Method) -> Result:
+    """Read what a finished run left."""
+    folder = setting.folder / method.name
+    info = json.loads((folder / "eval_info.json").read_text())
+    (task,) = info["per_task"]
+    successes = [bool(success) for success in task["metrics"]["successes"]]
+    actions, observed = [], []
+    for episode in range(setting.episodes):
+        # LeRobot numbers the datasets of a batch by environment, and writes no number for a batch of one.
+        part = f"env_{episode}" if setting.episodes > 1 else ""
+        (file,) = (folder / "recordings").glob(f"*/{part}/data/*/*.parquet")
+        table = pq.read_table(file, columns=["action", "agent_pos"])
+        actions.append(np.array(table["action"].to_pylist(), dtype=np.float32))
+        observed.append(np.array(table["agent_pos"].to_pylist(), dtype=np.float32))
+    log = folder / CHUNK_LOG
+    chunks = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
+    return Result(method, successes, actions, observed, chunks)

@@ -1,0 +1,142 @@
+"""Commands as subprocesses, some side by side, with one line of progress for all of them."""
+
+import ctypes
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+LAST_LINES = 15
+"""How much of a failed command's log is shown."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command to run.
+
+    Attributes:
+        label: What the user reads.
+        command: Program and arguments.
+        log: File that receives all it prints.
+        progress: Finds "done" and "total" in what it prints; the last match counts.
+    """
+
+    label: str
+    command: Sequence[str]
+    log: Path
+    progress: re.Pattern[str]
+
+
+def console_script(name: str) -> str:
+    """Path of a command that is installed in this Python environment.
+
+    Raises:
+        FileNotFoundError: If it is not.
+    """
+    path = Path(sys.executable).with_name(name)
+    if not path.exists():
+        raise FileNotFoundError(f"{name} is not installed beside {sys.executable}: install the package with its extras")
+    return str(path)
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds, such as 1:05."""
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
+
+
+def run(jobs: Sequence[Job], *, began: float, width: int = 2) -> None:
+    """Run commands, at most `width` at a time, and say how far they are.
+
+    A command takes one thread, asks nothing of the Hub, and ends when this process does.
+
+    Args:
+        jobs: The commands, started in this order.
+        began: When the demo began (`time.monotonic`), for the elapsed time.
+        width: How many run side by side.
+
+    Raises:
+        ChildProcessError: If one fails. Its last lines are on standard error; the others have been ended.
+    """
+    waiting, running = deque(jobs), dict[Job, tuple[subprocess.Popen, float]]()
+    try:
+        while waiting or running:
+            while waiting and len(running) < width:
+                running[waiting[0]] = _start(waiting.popleft()), time.monotonic()
+            time.sleep(0.1)
+            for job, (process, started) in list(running.items()):
+                if process.poll() is None:
+                    continue
+                del running[job]
+                if process.returncode != 0:
+                    raise _failure(job, process.returncode)
+                _show("")
+                print(
+                    f"[{clock(time.monotonic() - began)}] {job.label}: {clock(time.monotonic() - started)}", flush=True
+                )
+            _show(f"[{clock(time.monotonic() - began)}] " + " | ".join(map(_status, running)))
+    finally:
+        _show("")
+        _end([process for process, _ in running.values()])
+
+
+def _start(job: Job) -> subprocess.Popen:
+    job.log.parent.mkdir(parents=True, exist_ok=True)
+    settings = {"OMP_NUM_THREADS": "1", "HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1"}
+    with job.log.open("wb") as log:
+        return subprocess.Popen(
+            job.command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=os.environ | settings,
+            preexec_fn=_end_with_parent if sys.platform == "linux" else None,
+        )
+
+
+def _end_with_parent() -> None:
+    """Be interrupted when the parent dies, even by kill -9: nobody would know of what still runs and writes."""
+    set_parent_death_signal = 1
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
+
+
+def _end(processes: Sequence[subprocess.Popen]) -> None:
+    """Interrupt processes, which lets them end their own; kill those that do not listen."""
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    for process in processes:
+        try:
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _status(job: Job) -> str:
+    """How far a job is."""
+    *_, last = [None, *job.progress.finditer(_tail(job.log))]
+    return f"{job.label}: starting" if last is None else f"{job.label}: {last['done']} of {last['total']}"
+
+
+def _tail(log: Path, size: int = 8192) -> str:
+    with log.open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - size))
+        return file.read().decode(errors="replace")
+
+
+def _failure(job: Job, status: int) -> ChildProcessError:
+    lines = [line for line in _tail(job.log).replace("\r", "\n").splitlines() if line.strip()]
+    print("\n".join(lines[-LAST_LINES:]), file=sys.stderr)
+    return ChildProcessError(f"{job.label} failed with exit status {status}; all it printed is in {job.log}")
+
+
+def _show(line: str) -> None:
+    """Replace the terminal's last line; where there is no terminal, say nothing."""
+    if sys.stdout.isatty():
+        print(f"\r\x1b[K{line[: shutil.get_terminal_size().columns - 1]}", end="", flush=True)

@@ -1,0 +1,182 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lerobot.datasets import LeRobotDataset
+
+from lerobot_gloves import commands
+from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
+from lerobot_gloves.recording import staging
+from lerobot_gloves.tasks.slalom import SlalomEnv
+from tests.hub import Hub, hub  # noqa: F401
+
+
+def config(root: Path, num_episodes=2, env=None, **options) -> RecordConfig:
+    named = RecordedDatasetConfig(repo_id="me/slalom", root=root, num_episodes=num_episodes, **options)
+    return RecordConfig(env=env or SlalomEnv(), dataset=named)
+
+
+def start(root: Path, num_episodes: int, *options: str, environment=None) -> subprocess.Popen:
+    arguments = [
+        "record",
+        "--env.type=gloves_slalom",
+        "--dataset.repo_id=me/slalom",
+        f"--dataset.root={root}",
+        f"--dataset.num_episodes={num_episodes}",
+        *options,
+    ]
+    return subprocess.Popen(
+        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
+        env=os.environ | (environment or {}),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def test_a_complete_dataset_is_never_overwritten(tmp_path):
+    root = tmp_path / "slalom"
+    record(config(root))
+    before = {file: file.read_bytes() for file in root.rglob("*") if file.is_file()}
+    assert list(tmp_path.iterdir()) == [root]  # nothing is left of the staging
+    for asked in (config(root), config(root, num_episodes=5)):
+        with pytest.raises(FileExistsError, match=r"slalom already holds a complete dataset of 2 episodes"):
+            record(asked)
+    assert before == {file: file.read_bytes() for file in root.rglob("*") if file.is_file()}
+
+
+def test_a_folder_with_other_files_is_left_alone(tmp_path):
+    (tmp_path / "slalom").mkdir()
+    (tmp_path / "slalom" / "thesis.tex").write_text("years of work")
+    with pytest.raises(FileExistsError, match="slalom holds other files"):
+        record(config(tmp_path / "slalom"))
+
+
+def test_staged_episodes_are_kept_and_other_settings_refused(tmp_path, monkeypatch):
+    root = tmp_path / "slalom"
+    saved = []
+    save = staging.save
+
+    def save_and_die(folder, index, episode):
+        save(folder, index, episode)
+        saved.append(index)
+        if len(saved) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(staging, "save", save_and_die)
+    with pytest.raises(KeyboardInterrupt):
+        record(config(root, 3))
+    with pytest.raises(ValueError, match="recorded with mode=None"):
+        record(config(root, 3, env=SlalomEnv(mode="0 0 0")))
+    record(config(root, 3))
+    assert saved == [0, 1, 2]
+    assert LeRobotDataset("me/slalom", root=root).num_episodes == 3
+
+
+def test_an_interrupted_upload_is_all_that_is_left_to_do(tmp_path, monkeypatch):
+    root = tmp_path / "slalom"
+    pushed = []
+
+    def push(root, **options):
+        pushed.append(options)
+        if len(pushed) == 1:
+            raise ConnectionError
+        return "there"
+
+    monkeypatch.setattr("lerobot_gloves.recording.dataset.push", push)
+    with pytest.raises(ConnectionError):
+        record(config(root, push_to_hub=True, private=True))
+    monkeypatch.setattr("lerobot_gloves.recording.demonstrations.record", None)  # nobody records again
+    record(config(root, push_to_hub=True, private=True))
+    assert pushed == [{"repo_id": "me/slalom", "private": True}] * 2
+    assert not staging.staging_folder(root).exists()
+
+
+def test_the_command_on_the_card_records_the_same(tmp_path):
+    asked = config(tmp_path / "slalom", num_episodes=24, env=SlalomEnv(mode="0 0 1", image_size=64))
+    assert asked.command == (
+        "gloves record --env.type=gloves_slalom --env.image_size=64 --env.mode='0 0 1' "
+        "--dataset.repo_id=me/slalom --dataset.num_episodes=24 --seed=30000"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"repo_id": "slalom"}, "must look like user/name, not 'slalom'"),
+        ({"repo_id": "a/b/c"}, "must look like user/name, not 'a/b/c'"),
+        ({"repo_id": "a/b", "num_episodes": 0}, "dataset.num_episodes must be at least 1, not 0"),
+    ],
+)
+def test_bad_options_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        RecordConfig(env=SlalomEnv(), dataset=RecordedDatasetConfig(**options))
+
+
+def test_the_command_lists_its_commands_and_refuses_others(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["gloves", "--help"])
+    commands.main()
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in ("record", "calibrate", "bench"))
+    monkeypatch.setattr(sys, "argv", ["gloves", "rekord"])
+    with pytest.raises(SystemExit, match="no command 'rekord': choose one of record"):
+        commands.main()
+
+
+def kill_when(process: subprocess.Popen, reached) -> None:
+    while not reached():
+        assert process.poll() is None, process.stdout.read()
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+
+
+@pytest.mark.slow
+def test_a_recording_killed_while_it_plays_and_while_it_assembles_is_finished_by_the_same_command(tmp_path):
+    root = tmp_path / "slalom"
+    folder = staging.staging_folder(root)
+    kill_when(start(root, 12), lambda: len(staging.staged(folder)) >= 3)
+    kept = {file: file.stat().st_mtime_ns for file in folder.glob("episode_*.npz")}
+    assert 3 <= len(kept) < 12 and not root.exists()
+    kill_when(start(root, 12), lambda: (folder / "dataset" / "data").exists())
+    assert not root.exists()
+    assert all(file.stat().st_mtime_ns == written for file, written in kept.items())  # none was played again
+    process = start(root, 12)
+    output, _ = process.communicate()
+    assert process.returncode == 0, output
+    recorded = LeRobotDataset("me/slalom", root=root)
+    assert recorded.num_episodes == 12 and not folder.exists()
+    lengths = np.bincount(np.array(recorded.hf_dataset["episode_index"]).ravel())
+    assert len(lengths) == 12 and lengths.min() > 80
+
+
+@pytest.mark.slow
+def test_a_recording_is_pushed_with_its_card_and_loads_from_the_hub(tmp_path, hub: Hub):  # noqa: F811
+    process = start(
+        tmp_path / "slalom",
+        2,
+        "--dataset.push_to_hub=true",
+        "--dataset.private=true",
+        environment=hub.environment | {"HF_HOME": str(tmp_path / "home")},
+    )
+    output, _ = process.communicate()
+    assert process.returncode == 0, output
+    repository = hub.repositories["datasets", "me/slalom"]
+    assert repository.private and repository.tags == {"v3.0": repository.head}
+    assert b"# Slalom demonstrations" in repository.files["README.md"]
+    code = (
+        "from lerobot.datasets import LeRobotDataset; d = LeRobotDataset('me/slalom');"
+        "print('loaded', d.num_episodes, tuple(d[0]['observation.goal'].shape))"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | hub.environment | {"HF_HOME": str(tmp_path / "elsewhere")},
+        capture_output=True,
+        text=True,
+    )
+    assert "loaded 2 (9,)" in loaded.stdout, loaded.stderr
