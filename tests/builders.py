@@ -18,12 +18,14 @@ from lerobot.envs import make_env
 from lerobot.policies import get_policy_class, make_policy_config, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import PolicyProcessorPipeline
-from lerobot.scripts.lerobot_eval import rollout
 from torch import Tensor, nn
 
 import lerobot_policy_gloves  # noqa: F401, registers the policies
 from lerobot_gloves.calibration import Calibration, weights_hash
 from lerobot_gloves.tasks.slalom import SlalomEnv
+from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
+
+type Pipelines = tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]
 
 CAMERA = "observation.images.front"
 SIZE = 64
@@ -187,6 +189,20 @@ def calibrate(folder: Path, *, scores: dict[str, Tensor] | None = None, chunk_si
     return folder
 
 
+def wrap(agent: Path, **options: Any) -> GlovesPolicy:
+    """The wrapper around a saved agent."""
+    options = {key: str(value) if isinstance(value, Path) else value for key, value in options.items()}
+    return GlovesPolicy(make_policy_config("gloves", agent=str(agent), **options)).eval()
+
+
+def load(folder: Path, *overrides: str) -> tuple[PreTrainedPolicy, Pipelines]:
+    """A policy and its pipelines as `--policy.path=folder --policy.<override>` loads them."""
+    config = PreTrainedConfig.from_pretrained(folder, cli_overrides=list(overrides))
+    config.pretrained_path = folder
+    policy = get_policy_class(config.type).from_pretrained(config.pretrained_path, config=config)
+    return policy, make_pre_post_processors(config, str(config.pretrained_path))
+
+
 @contextmanager
 def slalom(obs_type: str = "state", *, batch: int = 2, episode_length: int = 25) -> Iterator[gym.vector.VectorEnv]:
     """LeRobot's vector environment of Slalom."""
@@ -198,14 +214,10 @@ def slalom(obs_type: str = "state", *, batch: int = 2, episode_length: int = 25)
         env.close()
 
 
-type Pipelines = tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]
-
-
-def play(
-    env: gym.vector.VectorEnv, policy: PreTrainedPolicy, pipelines: Pipelines, *, seed: int = 0, first_seed: int = 100
-) -> Tensor:
+def play(env: gym.vector.VectorEnv, policy: PreTrainedPolicy, pipelines: Pipelines, *, first_seed: int = 100) -> Tensor:
     """Executed actions (B, steps, A) of a batch of whole episodes in LeRobot's own loop."""
-    torch.manual_seed(seed)
+    from lerobot.scripts.lerobot_eval import rollout  # takes seconds to import
+
     identity = PolicyProcessorPipeline(steps=[])
     result = rollout(env, policy, identity, identity, *pipelines, seeds=[first_seed + i for i in range(env.num_envs)])
     return result["action"]

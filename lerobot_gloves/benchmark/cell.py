@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import torch
+from huggingface_hub.errors import HFValidationError
 from lerobot.configs import PreTrainedConfig
 from lerobot.envs import EnvConfig, close_envs, make_env, make_env_pre_post_processors
 from lerobot.policies import get_policy_class, make_policy, make_policy_config, make_pre_post_processors
@@ -16,7 +17,7 @@ from lerobot.utils.constants import ACTION
 from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
-from lerobot_gloves.benchmark.rollout import Episode, freeze_finished, rollout
+from lerobot_gloves.benchmark.rollout import Episode, rollout
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 from lerobot_gloves.specification import parse, specification
 
@@ -27,11 +28,10 @@ BAND = 100
 NONE, GATE = "none", "+gate"
 
 
+# Options are explained by comments because LeRobot's parser shows those in --help.
 @dataclass(kw_only=True)
 class Setup:
     """What all cells of a benchmark share."""
-
-    # LeRobot's parser shows these comments in --help; a list of attributes in the docstring would confuse it.
 
     # The task, such as --env.type=gloves_slalom --env.obs_type=state.
     env: EnvConfig
@@ -104,13 +104,25 @@ def resolve(setup: Setup, cell: Cell) -> dict[str, Any]:
         )
     if setup.adapter is None:
         raise ValueError(f"method {cell.method!r} needs --adapter, a trained checkpoint")
-    adapter: Any = get_policy_class(PreTrainedConfig.from_pretrained(setup.adapter).type)
+    adapter: Any = get_policy_class(checkpoint_config("adapter", setup.adapter).type)
     if not hasattr(adapter, "editors"):
         raise ValueError(f"{setup.adapter} is a policy of type {adapter.name!r}, which cannot correct another one")
     editors = {NONE: Unchanged, **adapter.editors}
     editor = specification(parse(cell.method.removesuffix(GATE), editors, "method"), editors)
     score = specification(parse(setup.score, adapter.scores, "score"), adapter.scores)
     return {**resolved, "method": editor + GATE * cell.method.endswith(GATE), "score": score, "alpha": setup.alpha}
+
+
+def checkpoint_config(option: str, checkpoint: str) -> PreTrainedConfig:
+    """The configuration of the policy that an option names.
+
+    Raises:
+        ValueError: If there is none.
+    """
+    try:
+        return PreTrainedConfig.from_pretrained(checkpoint)
+    except (FileNotFoundError, HFValidationError) as error:
+        raise ValueError(f"--{option}={checkpoint} is no checkpoint's folder, nor one on the Hub in reach") from error
 
 
 def run(setup: Setup, cell: Cell) -> list[Episode]:
@@ -138,13 +150,12 @@ def load(setup: Setup, cell: Cell) -> Act:
         cell.method.removesuffix(GATE),
         parse(cell.perturbation, PERTURBATION_CHOICES, "perturbation"),
     )
-    agent = PreTrainedConfig.from_pretrained(setup.agent)
+    seeded = hasattr(checkpoint_config("agent", setup.agent), "seed")
     config = make_policy_config(
         "gloves",
         agent=setup.agent,
         # So that raw and adapted runs draw the same; an agent without a seed of its own has the global generators.
-        agent_overrides=[f"--seed={cell.seed}"] if hasattr(agent, "seed") else [],
-        device=agent.device,
+        agent_overrides=[f"--seed={cell.seed}"] if seeded else [],
         adapter=None if editor == NONE else setup.adapter,
         method=editor,
         gate=cell.method.endswith(GATE),
@@ -170,7 +181,7 @@ def environment(setup: Setup) -> Iterator[gym.vector.SyncVectorEnv]:
     """A batch of the task's environments, all in this process.
 
     Raises:
-        ValueError: If the task is several, or brings processes of its own.
+        ValueError: If they are several tasks, or run in processes of their own.
     """
     envs = make_env(setup.env, n_envs=setup.batch_size, use_async_envs=False)
     try:
@@ -179,7 +190,6 @@ def environment(setup: Setup) -> Iterator[gym.vector.SyncVectorEnv]:
             raise ValueError(
                 f"env.type {setup.env.type!r} is {len(found)} tasks, or not run in this process: choose one"
             )
-        freeze_finished(found[0])
         yield found[0]
     finally:
         close_envs(envs)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from statistics import fmean, stdev
 
 from lerobot_gloves.benchmark.cell import NONE, Cell
+from lerobot_gloves.benchmark.markdown import markdown_table
 from lerobot_gloves.benchmark.rollout import Episode
 from lerobot_gloves.benchmark.rows import Row
 from lerobot_gloves.benchmark.statistics import paired_difference, wilson
@@ -92,7 +93,7 @@ def edits(episodes: Episodes) -> str:
 
 
 def table(results: Results, entry: Callable[[Episodes, Episodes], str]) -> str:
-    """A Markdown table whose columns line up in a terminal as well.
+    """A Markdown table, one row a perturbation and one column a method.
 
     Args:
         results: What to tabulate.
@@ -109,7 +110,4 @@ def table(results: Results, entry: Callable[[Episodes, Episodes], str]) -> str:
         raw: Episodes = results.get((perturbation, NONE), {})
         cells = [results.get((perturbation, method)) for method in methods]
         lines.append([perturbation, *("–" if episodes is None else entry(episodes, raw) for episodes in cells)])
-    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
-    lines.insert(1, ["-" * width for width in widths])
-    padded = [[text.ljust(width) for text, width in zip(line, widths, strict=True)] for line in lines]
-    return "\n".join(f"| {' | '.join(line)} |" for line in padded)
+    return markdown_table(lines)

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from lerobot.envs import preprocess_observation
-from lerobot.envs.utils import NEW_ROLLOUT_OPTION, FreezeAfterEpisodeEnd
+from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
@@ -47,11 +47,6 @@ class Episode:
         self.distance += (distance - self.distance) / self.chunks
         self.milliseconds += (milliseconds - self.milliseconds) / self.chunks
         self.evaluations += (evaluations - self.evaluations) / self.chunks
-
-
-def freeze_finished(env: gym.vector.SyncVectorEnv) -> None:
-    """Let environments rest whose episode is over while others of the batch go on."""
-    env.envs = [FreezeAfterEpisodeEnd(one) for one in env.envs]
 
 
 def rollout(

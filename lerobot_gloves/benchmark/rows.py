@@ -13,7 +13,7 @@ from typing import Any
 
 from huggingface_hub import snapshot_download
 
-from lerobot_gloves.benchmark.cell import NONE, Cell, Setup, resolve
+from lerobot_gloves.benchmark.cell import NONE, Cell, Setup, checkpoint_config, resolve
 from lerobot_gloves.benchmark.rollout import Episode
 
 type Row = dict[str, Any]
@@ -36,6 +36,7 @@ def conditions(setup: Setup, cells: Sequence[Cell]) -> dict[Cell, Conditions]:
     Raises:
         ValueError: If a cell is not valid; the message lists what is.
     """
+    checkpoint_config("agent", setup.agent)
     resolved = {cell: resolve(setup, cell) for cell in cells}
     shared = {
         "env": {"type": setup.env.type, "task": setup.env.task, **setup.env.gym_kwargs},
@@ -131,12 +132,14 @@ def finished_cells(folder: Path, planned: Mapping[Cell, Conditions]) -> set[Cell
     Raises:
         ValueError: If the folder holds rows that were made under other conditions.
     """
-    columns = {(cell.perturbation, cell.method): here for cell, here in planned.items()}
     shared = {key: value for key, value in next(iter(planned.values())).items() if key in SHARED}
+    perturbations = {cell.perturbation: {"perturbation": here["perturbation"]} for cell, here in planned.items()}
+    methods = {cell.method: {key: here[key] for key in here if key != "perturbation"} for cell, here in planned.items()}
     done = set()
     for row in read_rows(folder):
         cell, there = Cell(**row["cell"]), row["conditions"]
-        here = columns.get((cell.perturbation, cell.method), shared)
+        # Whatever stands in the same line or column of the report must have been made alike.
+        here = {**shared, **perturbations.get(cell.perturbation, {}), **methods.get(cell.method, {})}
         different = [f"{key}={there.get(key)}" for key in here if here[key] != there.get(key)]
         if different:
             raise ValueError(

@@ -2,7 +2,7 @@
 
 import torch
 from torch import Tensor, nn
-from torchvision.models import get_model, get_weight
+from torchvision.models import ResNet18_Weights, get_model
 from torchvision.ops import FrozenBatchNorm2d
 
 
@@ -49,8 +49,11 @@ class ImageEncoder(nn.Module):
             OSError: If the weights cannot be fetched; the message names the option that does without.
             ValueError: If there are no weights of that name.
         """
+        choices = {f"ResNet18_Weights.{name}": choice for name, choice in ResNet18_Weights.__members__.items()}
+        if weights not in choices:
+            raise ValueError(f"the image encoder knows no weights {weights!r}: choose from {', '.join(choices)}")
         try:
-            state = get_weight(weights).get_state_dict(progress=False, check_hash=True)
+            state = choices[weights].get_state_dict(progress=False, check_hash=True)
         except OSError as error:
             raise OSError(
                 f"cannot fetch the image encoder's weights {weights} ({error}): go online once, put the file into "

@@ -28,7 +28,10 @@ class Expert(Protocol):
         """Begin an episode with this task string."""
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
-        """The action for an observation of the Gymnasium environment."""
+        """The action for an observation of the Gymnasium environment; this is what is recorded."""
+
+    def disturb(self, action: np.ndarray) -> np.ndarray:
+        """What the environment executes instead, if the robot is jostled while the expert demonstrates."""
 
 
 @runtime_checkable
@@ -145,7 +148,7 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
         while not over:
             action = expert.act(observation)
             steps.append({**_features(env_config, observation), ACTION: action})
-            observation, _, terminated, truncated, info = env.step(action)
+            observation, _, terminated, truncated, info = env.step(expert.disturb(action))
             over = terminated or truncated
         if info["is_success"]:
             frames = {key: np.stack([step[key] for step in steps]) for key in steps[0]}

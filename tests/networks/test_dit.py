@@ -132,7 +132,7 @@ def test_a_width_that_does_not_split_is_refused(width, heads):
 
 
 def test_table_a_is_the_default_size():
-    """Depth 4, width 128: 4 blocks of (3 + 1 + 1 + 1) d^2 attention, 2 * 256 d keys and values, 8 d^2 MLP, 6 d^2 AdaLN."""
+    """Each of 4 blocks: attention (3 + 1 + 1 + 1) d^2, keys and values 2 c d, MLP 8 d^2, AdaLN 6 d^2."""
     d, c = 128, 256
     weights = 4 * (6 * d * d + 2 * c * d + 8 * d * d + 6 * d * d) + 256 * d + d * d + d * d + 2 * d * A
     assert sum(p.numel() for p in DiT(A).parameters() if p.ndim > 1) == weights

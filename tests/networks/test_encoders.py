@@ -73,14 +73,15 @@ def test_weights_that_cannot_be_fetched_are_one_line_that_names_the_option(monke
         raise error
 
     monkeypatch.setattr(ResNet18_Weights, "get_state_dict", unreachable)
-    with pytest.raises(OSError, match="--policy.pretrained_backbone_weights=null") as raised:
+    with pytest.raises(OSError, match=r"--policy\.pretrained_backbone_weights=null") as raised:
         ImageEncoder(8).load_pretrained("ResNet18_Weights.IMAGENET1K_V1")
     assert "IMAGENET1K_V1" in str(raised.value) and "\n" not in str(raised.value)
 
 
-def test_unknown_weights_are_refused_by_name():
-    with pytest.raises(ValueError, match="ResNet18_Weights.NONE_SUCH"):
-        ImageEncoder(8).load_pretrained("ResNet18_Weights.NONE_SUCH")
+@pytest.mark.parametrize("weights", ["ResNet18_Weights.NONE_SUCH", "ResNet50_Weights.IMAGENET1K_V1", "nonsense"])
+def test_unknown_weights_are_refused_with_the_valid_ones(weights):
+    with pytest.raises(ValueError, match=rf"{weights}.* choose from .*ResNet18_Weights\.IMAGENET1K_V1"):
+        ImageEncoder(8).load_pretrained(weights)
 
 
 def test_a_state_becomes_one_token_by_three_layers():

@@ -1,9 +1,12 @@
-import subprocess
+import ast
 import sys
+from pathlib import Path
 
 import pytest
 import torch
+from torch import nn
 
+import lerobot_gloves
 from lerobot_gloves.flow import integrate
 from lerobot_gloves.networks import VelocityNetwork
 from tests.builders import awaken
@@ -123,20 +126,20 @@ def test_selected_contexts_are_those_rows():
 
 def test_training_drops_whole_views_at_the_rate_asked_for():
     network = make_network(CAMERAS, context_dropout=0.0, visual_dropout=0.3)
-    g = seeded(6)
-    rows = 400
-    observation = observe(rows=rows) | {camera: torch.randn(1, 3, 32, 32, generator=g) for camera in CAMERAS}
-    observation |= {camera: observation[camera].expand(rows, -1, -1, -1) for camera in CAMERAS}
+    network.image_encoders = nn.ModuleList([nn.Identity(), nn.Identity()])  # the "images" are tokens already
+    rows = 2000
+    observation = observe(rows=rows) | {camera: torch.randn(rows, 4, 8) for camera in CAMERAS}
     torch.manual_seed(0)
     with torch.no_grad():
         tokens, _ = network.train().encode(observation)
         kept, _ = network.eval().encode(observation)
     views, reference = tokens[:, 1:].view(rows, 2, 4, -1), kept[:, 1:].view(rows, 2, 4, -1)
     dropped = (views == 0).all(dim=(2, 3))
-    torch.testing.assert_close(views[~dropped], reference[~dropped])  # whole or not at all
-    torch.testing.assert_close(tokens[:, 0], kept[:, 0])  # the state stays
-    assert dropped.float().mean(dim=0).sub(0.3).abs().max() < 4 * (0.3 * 0.7 / rows) ** 0.5
-    assert 0 < (dropped[:, 0] & dropped[:, 1]).float().mean() < 0.2  # each view by a draw of its own: 0.09
+    assert torch.equal(views[~dropped], reference[~dropped])  # whole or not at all
+    assert torch.equal(tokens[:, 0], kept[:, 0])  # the state stays
+    four_errors = 4 * (0.3 * 0.7 / rows) ** 0.5
+    assert dropped.float().mean(dim=0).sub(0.3).abs().max() < four_errors
+    assert abs(dropped.all(dim=1).float().mean() - 0.09) < four_errors  # each view by a draw of its own
 
 
 @pytest.mark.parametrize("goal", [None, GOAL])
@@ -169,13 +172,28 @@ def test_nothing_to_be_conditioned_on_is_refused():
         VelocityNetwork(A, states={})
 
 
-def test_the_method_can_be_imported_without_lerobot():
-    rooms = "flow scores conformal editors networks perturbations generators adapter specification"
-    program = f"""
-import sys
-for room in {rooms.split()!r}:
-    __import__(f"lerobot_gloves.{{room}}")
-print(*sorted(name for name in sys.modules if name.split(".")[0] in ("lerobot", "lerobot_policy_gloves", "gymnasium")))
-"""
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert found.stdout.split() == []
+def test_the_method_imports_torch_and_nothing_of_lerobot():
+    rooms = {
+        "flow",
+        "scores",
+        "conformal",
+        "editors",
+        "networks",
+        "perturbations",
+        "generators",
+        "adapter",
+        "specification",
+    }
+    allowed = {*sys.stdlib_module_names, "torch", "torchvision", "numpy", *(f"lerobot_gloves.{room}" for room in rooms)}
+    folder = Path(lerobot_gloves.__file__).parent
+    files = [path for room in rooms for path in (*folder.glob(f"{room}.py"), *folder.glob(f"{room}/*.py"))]
+    assert len(files) >= len(rooms)
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                assert node.level == 0, path
+                names = [node.module]
+            for name in names:
+                parts = name.split(".")
+                assert (".".join(parts[:2]) if parts[0] == "lerobot_gloves" else parts[0]) in allowed, (path, name)

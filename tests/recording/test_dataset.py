@@ -32,7 +32,7 @@ def state(tmp_path_factory):
     return folder / "staging", assemble(SlalomEnv(), folder / "staging", folder / "dataset", 3)
 
 
-def test_recorded_actions_played_again_give_the_recorded_observations_and_succeed(state):
+def test_recorded_episodes_are_what_the_environment_does(state):
     _, recorded = state
     columns = {key: np.stack(recorded.hf_dataset[key]) for key in recorded.features}
     assert (recorded.num_episodes, recorded.fps) == (3, 20)
@@ -42,16 +42,16 @@ def test_recorded_actions_played_again_give_the_recorded_observations_and_succee
         observation, _ = env.reset(seed=30002 + index)
         assert env.task_description == task == recorded[int(rows.argmax())]["task"]
         assert (columns["mode"][rows] == MODES.index(task)).all()
-        for state, pillars, goal, action in zip(
-            *(columns[f"observation.{key}"][rows] for key in ("state", "environment_state", "goal")),
-            columns["action"][rows],
-            strict=True,
-        ):
-            assert np.array_equal(state, observation["agent_pos"])
-            assert np.array_equal(pillars, observation["environment_state"])
-            assert np.array_equal(goal, observation["goal"])
-            observation, _, over, _, info = env.step(action)
-        assert over and info["is_success"]
+        states = columns["observation.state"][rows]
+        executed = np.diff(states[:, :2].astype(float), axis=0)  # jostled: not quite what the expert wanted
+        assert np.median(np.abs(executed - columns["action"][rows][:-1])) < 0.004
+        for step, action in enumerate(executed):
+            assert np.allclose(states[step], observation["agent_pos"], atol=1e-5)
+            for key in ("environment_state", "goal"):
+                assert np.array_equal(columns[f"observation.{key}"][rows][step], observation[key])
+            observation, _, terminated, truncated, _ = env.step(action)
+            assert not terminated and not truncated
+        assert states[-1, 3] > 0.35 - 0.012  # the step that crosses the line is the last
 
 
 def test_labels_are_no_policy_input(state):
@@ -102,10 +102,15 @@ def test_pixel_recordings_hold_the_frames_and_not_the_pillars(tmp_path):
     assert recorded.features["observation.images.front"]["dtype"] == "image"
     env = Slalom(obs_type="pixels_agent_pos", image_size=48)
     observation, _ = env.reset(options={"mode": "0 0 0"})
+    states = np.stack(recorded.hf_dataset["observation.state"])
+    staged = staging.load(tmp_path / "staging", 0).frames["observation.images.front"]
     for step in range(40):
-        frame = recorded[step]["observation.images.front"]
-        assert np.array_equal((frame * 255).round().byte().permute(1, 2, 0), observation["pixels"]["front"])
-        observation, *_ = env.step(recorded[step]["action"].numpy())
+        frame = (recorded[step]["observation.images.front"] * 255).round().byte().permute(1, 2, 0).numpy()
+        assert np.array_equal(frame, staged[step])
+        # Played again from float32 set-points, a pixel at an edge may differ.
+        assert np.abs(frame.astype(int) - observation["pixels"]["front"]).mean() < 0.1
+        observation, *_ = env.step(states[step + 1, :2].astype(float) - states[step, :2])
+    assert np.abs(staged[0].astype(int) - staged[39]).mean() > 1
 
 
 def test_a_failed_demonstration_is_dropped_and_played_anew(monkeypatch):
@@ -124,11 +129,17 @@ def test_a_failed_demonstration_is_dropped_and_played_anew(monkeypatch):
         def act(self, observation):
             return self.expert.act(observation) if Clumsy.episodes == 3 else np.array([0.0, 0.01], np.float32)
 
+        def disturb(self, action):
+            return action
+
+        def disturb(self, action):
+            return action
+
     original = SlalomEnv.make_expert
     monkeypatch.setattr(SlalomEnv, "make_expert", lambda self, rng: Clumsy(original(self, rng)))
     episode = demonstrations.demonstrate(SlalomEnv(), Slalom(), 30000)
     assert (episode.attempts, episode.task) == (3, "0 0 0")
-    assert episode.frames["observation.state"][-1, 3] > 0.34
+    assert episode.frames["observation.state"][-1, 3] > 0.35 - 0.012
     monkeypatch.setattr(demonstrations, "MAX_ATTEMPTS", 2)
     with pytest.raises(RuntimeError, match="failed 2 times in the environment with seed 30000"):
         demonstrations.demonstrate(SlalomEnv(), Slalom(), 30000)

@@ -279,6 +279,24 @@ def test_the_expert_steers_back_when_it_is_carried_off(env):
             assert info["is_success"], (env.task_description, info["failure"])
 
 
+def test_a_jostled_expert_wants_to_go_back(env):
+    """What is executed is pushed about; what the expert asked for opposes where the pushes have carried it."""
+    expert = SlalomExpert(np.random.default_rng(5))
+    observation, _ = env.reset(seed=0)
+    expert.reset(env.task_description)
+    wanted, executed, beside = [], [], []
+    for _ in range(100):
+        action = expert.act(observation)
+        x, y = observation["agent_pos"][:2].astype(float)
+        beside.append(x - expert._path(y + 0.02))
+        wanted.append(action[0])
+        pushed = expert.disturb(action)
+        executed.append(pushed[0])
+        observation, *_ = env.step(pushed)
+    assert np.corrcoef(beside, wanted)[0, 1] < -0.3
+    assert np.abs(np.subtract(wanted, executed)).max() > 0.001
+
+
 @pytest.mark.slow
 def test_the_expert_hardly_ever_fails(env):
     succeeded = [demonstrate(env, 60000 + i, np.random.default_rng([1, i]))[1]["is_success"] for i in range(240)]

@@ -13,11 +13,15 @@ GAP_CENTRES = ((0.425, 0.575), (0.35, 0.5, 0.65), (0.275, 0.425, 0.575, 0.725))
 
 
 class SlalomExpert:
-    """Follows a smooth path through a corridor, is pushed off it now and then, and steers back.
+    """Follows a smooth path through a corridor, and steers back to it whenever it is off it.
 
     What differs between episodes: where each gap is passed, how the path bends between the rows, the speed and how
-    it drifts, a light tremor, and a few slow sideways pushes. The path is a function x(y), so an action depends only
-    on where the set-point is and on the episode's own draws; the way back after a push is part of what it shows.
+    it drifts. The path is a function x(y), so an action depends only on where the set-point is and on the episode's
+    own draws.
+
+    While it demonstrates, the robot is jostled: slow sideways pushes of a few centimetres, and in half of the episodes
+    a jitter. What is recorded is what the expert wanted to do, so that the data show the way back and not the push
+    (as in DART, Laskey et al. 2017).
 
     Args:
         rng: Source of all draws.
@@ -46,10 +50,10 @@ class SlalomExpert:
         self._speed = rng.uniform(0.005, 0.007)
         self._lookahead = rng.uniform(0.04, 0.06)
         self._drift = 0.0  # of the logarithm of the speed
-        self._tremor = 0.0  # metres a step, sideways
-        self._push_starts = np.cumsum(rng.exponential(30.0, 8) + 25.0) - 25.0
-        self._push_sizes = rng.uniform(0.008, 0.016, 8) * rng.choice([-1.0, 1.0], 8)
-        self._push_steps = rng.uniform(24.0, 32.0, 8)
+        self._push_starts = np.cumsum(rng.exponential(20.0, 12) + 20.0) - 20.0
+        self._push_sizes = rng.uniform(0.01, 0.035, 12) * rng.choice([-1.0, 1.0], 12)
+        self._push_steps = rng.uniform(10.0, 25.0, 12)
+        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.001, 0.004)  # metres a step and axis
         self._step = 0
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
@@ -70,13 +74,17 @@ class SlalomExpert:
 
         rng = self._rng
         self._drift += -self._drift / 25 + 0.03 * rng.standard_normal()
-        self._tremor += -self._tremor / 8 + 0.00005 * rng.standard_normal()
-        action = self._speed * np.exp(self._drift) * direction + [self._tremor + self._push(), 0.0]
+        action = self._speed * np.exp(self._drift) * direction
         self._step += 1
         room, away = nearest_pillar(set_point)
         care = np.clip((0.03 - room) / 0.015, 0.0, 1.0)  # within 15 mm of a pillar, only along it or away from it
         action += care * max(0.0, -action @ away) * away
         return np.clip(action, -MAX_DELTA, MAX_DELTA).astype(np.float32)
+
+    def disturb(self, action: np.ndarray) -> np.ndarray:
+        """What reaches the robot in place of the expert's action (2,) while it is jostled, (2,) float32 in metres."""
+        disturbed = action + self._jitter * self._rng.standard_normal(2) + [self._push(), 0.0]
+        return np.clip(disturbed, -MAX_DELTA, MAX_DELTA).astype(np.float32)
 
     def _path(self, y: float) -> float:
         """Where the episode's path lies at y: its x in metres."""

@@ -1,0 +1,125 @@
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from lerobot_gloves.benchmark.cell import Cell, Setup
+from lerobot_gloves.benchmark.rollout import Episode
+from lerobot_gloves.benchmark.rows import checkpoint_hash, conditions, finished_cells, read_rows, write_row
+from lerobot_gloves.tasks.slalom import SlalomEnv
+
+RAW, GATED = Cell("none", "none", 0), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", 1)
+
+
+@pytest.fixture
+def setup(agent: str, adapter: str) -> Setup:
+    return Setup(env=SlalomEnv(), agent=agent, adapter=adapter, episodes=2)
+
+
+def write(folder: Path, setup: Setup, cell: Cell) -> None:
+    here = conditions(setup, [cell])[cell]
+    write_row(folder, setup, cell, conditions=here, seconds=1.0, episodes=[Episode(10000), Episode(10001)])
+
+
+def test_a_row_comes_back_with_all_that_it_takes_to_repeat_it(tmp_path: Path, setup: Setup) -> None:
+    write(tmp_path, setup, GATED)
+    (row,) = read_rows(tmp_path)
+    assert Cell(**row["cell"]) == GATED
+    assert [Episode(**episode) for episode in row["episodes"]] == [Episode(10000), Episode(10001)]
+    assert row["conditions"] | {"agent": 0, "adapter": 0} == {
+        "env": {
+            "type": "gloves_slalom",
+            "task": "Slalom-v0",
+            "obs_type": "state",
+            "image_size": 256,
+            "episode_length": 300,
+            "mode": None,
+            "render_mode": "rgb_array",
+        },
+        "agent": 0,
+        "adapter": 0,
+        "split": "test",
+        "episodes": 2,
+        "batch_size": 2,
+        "perturbation": "noised:sigma=0.005",
+        "method": "feeg:start=0.5,steps=10,align=1.0+gate",
+        "score": "reverse:steps=1",
+        "alpha": 0.05,
+    }
+    assert row["conditions"]["agent"] == checkpoint_hash(setup.agent)
+    assert row["conditions"]["adapter"] == checkpoint_hash(setup.adapter)
+    assert row["checkpoints"] == {"agent": setup.agent, "adapter": setup.adapter}
+    assert {"python", "torch", "lerobot", "lerobot_policy_gloves"} <= row["versions"].keys()
+
+
+def test_a_failed_write_leaves_no_row(tmp_path: Path, setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    write(tmp_path, setup, RAW)
+    before = read_rows(tmp_path)
+    monkeypatch.setattr("os.fsync", full)
+    for cell in (RAW, GATED):
+        with pytest.raises(OSError, match="No space left"):
+            write(tmp_path, setup, cell)
+    assert read_rows(tmp_path) == before
+
+
+def test_a_checkpoint_is_its_content(tmp_path: Path, adapter: str) -> None:
+    copy = Path(shutil.copytree(adapter, tmp_path / "copy"))
+    assert checkpoint_hash(str(copy)) == checkpoint_hash(adapter)
+    (copy / "README.md").write_text("what a card says changes no episode")
+    assert checkpoint_hash(str(copy)) == checkpoint_hash(adapter)
+    for name in ("model.safetensors", "calibration.safetensors", "config.json"):
+        copy = Path(shutil.copytree(adapter, tmp_path / name))
+        with (copy / name).open("ab") as file:
+            file.write(b" ")
+        assert checkpoint_hash(str(copy)) != checkpoint_hash(adapter), name
+
+
+def test_finished_cells_are_those_with_a_row(tmp_path: Path, setup: Setup) -> None:
+    assert finished_cells(tmp_path, conditions(setup, [RAW, GATED])) == set()
+    write(tmp_path, setup, GATED)
+    assert finished_cells(tmp_path, conditions(setup, [RAW, GATED])) == {GATED}
+    assert finished_cells(tmp_path, conditions(setup, [RAW])) == set()
+
+
+@pytest.mark.parametrize(
+    ("options", "cell", "difference"),
+    [
+        ({"episodes": 3}, RAW, "episodes=2"),
+        ({"env": SlalomEnv(episode_length=20)}, RAW, "env={'type': 'gloves_slalom'.* 'episode_length': 300"),
+        ({"split": "validation"}, RAW, "split=test"),
+        ({"alpha": 0.1}, Cell("laggy", GATED.method, 7), "alpha=0.05"),
+        ({"score": "reverse:steps=5"}, GATED, "score=reverse:steps=1"),
+    ],
+)
+def test_rows_made_otherwise_are_refused(
+    tmp_path: Path, setup: Setup, options: dict, cell: Cell, difference: str
+) -> None:
+    """Also if the same cell is not asked for: they would stand in one table."""
+    write(tmp_path, setup, GATED)
+    other = Setup(**{**vars(setup), **options})
+    with pytest.raises(ValueError, match=rf"holds a row of noised.*seed 1 made with .*{difference}.*choose another"):
+        finished_cells(tmp_path, conditions(other, [cell]))
+
+
+def test_what_does_not_concern_a_row_may_differ(tmp_path: Path, setup: Setup) -> None:
+    """The raw agent's rows have no adapter, alpha or score."""
+    write(tmp_path, Setup(**{**vars(setup), "adapter": None, "alpha": 0.3}), RAW)
+    assert finished_cells(tmp_path, conditions(setup, [RAW, GATED])) == {RAW}
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"cell": {"seed": 1}}', "[1]"])
+def test_a_file_that_is_no_row_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "notes.json").write_text(text)
+    with pytest.raises(ValueError, match=r"notes\.json is not a row of gloves bench"):
+        read_rows(tmp_path)
+
+
+def test_rows_are_plain_json(tmp_path: Path, setup: Setup) -> None:
+    write(tmp_path, setup, GATED)
+    (file,) = tmp_path.iterdir()
+    assert file.name == "noised_sigma=0.005__feeg_start=0.5+gate__seed1.json"
+    assert json.loads(file.read_text())["episodes"][1]["seed"] == 10001
