@@ -189,9 +189,9 @@ def calibrate(folder: Path, *, scores: dict[str, Tensor] | None = None, chunk_si
     return folder
 
 
-def wrap(agent: Path, **options: Any) -> GlovesPolicy:
+def wrap(agent: Path, *, adapter: Path | None = None, **options: Any) -> GlovesPolicy:
     """The wrapper around a saved agent."""
-    options = {key: str(value) if isinstance(value, Path) else value for key, value in options.items()}
+    options["adapter"] = None if adapter is None else str(adapter)
     return GlovesPolicy(make_policy_config("gloves", agent=str(agent), **options)).eval()
 
 

@@ -12,6 +12,10 @@ GAP_CENTRES = ((0.425, 0.575), (0.35, 0.5, 0.65), (0.275, 0.425, 0.575, 0.725))
 """Where each gap of each row is passed on average, metres."""
 
 
+LOOKAHEAD = 0.035
+"""How far ahead on its path the expert aims, metres along y."""
+
+
 class SlalomExpert:
     """Follows a smooth path through a corridor, and steers back to it whenever it is off it.
 
@@ -19,9 +23,9 @@ class SlalomExpert:
     it drifts. The path is a function x(y), so an action depends only on where the set-point is and on the episode's
     own draws.
 
-    While it demonstrates, the robot is jostled: slow sideways pushes of a few centimetres, and in half of the episodes
-    a jitter. What is recorded is what the expert wanted to do, so that the data show the way back and not the push
-    (as in DART, Laskey et al. 2017).
+    While it demonstrates, the robot is jostled: it drifts sideways, slowly now one way and now the other, and in half
+    of the episodes it jitters. What is recorded is what the expert wanted to do, so that the data show the way back
+    and not the push (as in DART, Laskey et al. 2017).
 
     Args:
         rng: Source of all draws.
@@ -47,14 +51,10 @@ class SlalomExpert:
         margins = rng.uniform(0.01, 0.03, (2, 3)) + 0.05 * np.abs(offsets)
         begin, end = np.array([START[1], *ROW_Y[:2]]) + margins[0], np.array(ROW_Y) - margins[1]
         self._bends = np.stack([begin, end, offsets])
-        self._speed = rng.uniform(0.005, 0.007)
-        self._lookahead = rng.uniform(0.04, 0.06)
-        self._drift = 0.0  # of the logarithm of the speed
-        self._push_starts = np.cumsum(rng.exponential(20.0, 12) + 20.0) - 20.0
-        self._push_sizes = rng.uniform(0.01, 0.035, 12) * rng.choice([-1.0, 1.0], 12)
-        self._push_steps = rng.uniform(10.0, 25.0, 12)
-        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.001, 0.004)  # metres a step and axis
-        self._step = 0
+        self._speed = rng.uniform(0.005, 0.006)
+        self._haste = 0.0  # logarithm of the speed's drift
+        self._sideways = 0.0  # what carries the robot off, metres a step
+        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.0005, 0.002)  # metres a step and axis
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         """The next displacement of the set-point.
@@ -67,15 +67,12 @@ class SlalomExpert:
         """
         set_point = np.asarray(observation["agent_pos"][:2], dtype=np.float64)
         x, y = set_point
-        nearest_row = min(abs(y - row) for row in ROW_Y)
-        ahead = self._lookahead * (0.5 + 0.5 * min(nearest_row / 0.07, 1.0))  # firmer next to pillars
-        direction = np.array([self._path(y + ahead) - x, ahead])
+        direction = np.array([self._path(y + LOOKAHEAD) - x, LOOKAHEAD])
         direction /= np.linalg.norm(direction)
 
         rng = self._rng
-        self._drift += -self._drift / 25 + 0.03 * rng.standard_normal()
-        action = self._speed * np.exp(self._drift) * direction
-        self._step += 1
+        self._haste += -self._haste / 25 + 0.02 * rng.standard_normal()
+        action = self._speed * np.exp(self._haste) * direction
         room, away = nearest_pillar(set_point)
         care = np.clip((0.03 - room) / 0.015, 0.0, 1.0)  # within 15 mm of a pillar, only along it or away from it
         action += care * max(0.0, -action @ away) * away
@@ -83,7 +80,8 @@ class SlalomExpert:
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (2,) while it is jostled, (2,) float32 in metres."""
-        disturbed = action + self._jitter * self._rng.standard_normal(2) + [self._push(), 0.0]
+        self._sideways += -self._sideways / 40 + 0.00035 * self._rng.standard_normal()
+        disturbed = action + self._jitter * self._rng.standard_normal(2) + [self._sideways, 0.0]
         return np.clip(disturbed, -MAX_DELTA, MAX_DELTA).astype(np.float32)
 
     def _path(self, y: float) -> float:
@@ -91,9 +89,3 @@ class SlalomExpert:
         begin, end, offset = self._bends
         share = np.clip((y - begin) / (end - begin), 0.0, 1.0)
         return float(START[0] + (offset * share**2 * (3 - 2 * share)).sum())
-
-    def _push(self) -> float:
-        """Sideways push of this step in metres: a few smooth bumps an episode."""
-        phase = (self._step - self._push_starts) / self._push_steps
-        bumps = np.where((phase > 0) & (phase < 1), 1 - np.cos(2 * np.pi * phase), 0.0)
-        return float((self._push_sizes / self._push_steps * bumps).sum())

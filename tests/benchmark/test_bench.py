@@ -10,13 +10,12 @@ import pytest
 
 from lerobot_gloves.benchmark.rows import read_rows
 from lerobot_gloves.commands import main
-from tests.benchmark.conftest import adapter, agent  # noqa: F401
 
 QUICK = ["--env.type=gloves_slalom", "--env.episode_length=20", "--episodes=3"]
 
 
 @pytest.fixture
-def options(tmp_path: Path, agent: str, adapter: str) -> list[str]:  # noqa: F811
+def options(tmp_path: Path, agent: str, adapter: str) -> list[str]:
     return [*QUICK, f"--agent={agent}", f"--adapter={adapter}", f"--output_dir={tmp_path / 'rows'}"]
 
 
@@ -108,7 +107,7 @@ def test_wrong_options_are_refused_before_anything_runs(
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_an_adapter_must_be_one(options: list[str], agent: str, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+def test_an_adapter_must_be_one(options: list[str], agent: str, monkeypatch: pytest.MonkeyPatch) -> None:
     said = gloves(monkeypatch, "bench", *options, f"--adapter={agent}", "--methods=[feeg]")
     assert "is a policy of type 'gloves_flow_policy', which cannot correct another one" in said
 

@@ -1,0 +1,231 @@
+"""The three ways to wrap an agent in LeRobot's own commands."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from lerobot.policies import make_policy_config
+from lerobot.scripts.lerobot_eval import eval_main
+
+from lerobot_gloves.perturbations import Noised, Shift
+from lerobot_policy_gloves.gloves.configuration_gloves import PASSTHROUGH, GlovesConfig
+from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
+from tests.builders import load, observation, save_policy, wrap
+
+RUN = [
+    "--env.type=gloves_slalom",
+    "--env.episode_length=9",
+    "--env.image_size=64",
+    "--eval.n_episodes=3",
+    "--eval.batch_size=2",
+    "--eval.use_async_envs=false",
+    "--seed=10000",
+]
+CORRECTION = {"method": "feeg:steps=2", "gate": "true", "alpha": "0.2", "seed": "4"}
+
+
+def form(name: str, checkpoints, folder: Path) -> list[str]:
+    """Options of one form; what they say is the same."""
+    options = {**CORRECTION, "adapter": str(checkpoints.adapter)}
+    overrides = {"n_action_steps": "3"}
+    if name == "wrap":
+        options |= {"path": str(checkpoints.agent), "wrap": "gloves", **overrides}
+    else:
+        given = json.dumps([f"--{key}={value}" for key, value in overrides.items()])
+        options |= {"type": "gloves", "agent": str(checkpoints.agent), "agent_overrides": given}
+    if name == "saved":
+        kinds = {"gate": True, "alpha": 0.2, "seed": 4, "agent_overrides": json.loads(options["agent_overrides"])}
+        config = make_policy_config("gloves", **{key: v for key, v in options.items() if key != "type"} | kinds)
+        GlovesPolicy(config).save_pretrained(folder / "wrapper")
+        options = {"path": str(folder / "wrapper")}
+    return [f"--policy.{key}={value}" for key, value in options.items()]
+
+
+def journal(path: Path) -> list[dict]:
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    return [{key: value for key, value in line.items() if key != "milliseconds"} for line in lines]
+
+
+@pytest.fixture(scope="module")
+def reference(checkpoints, tmp_path_factory):
+    """What the wrapper does in those episodes, without LeRobot's command line."""
+    folder = tmp_path_factory.mktemp("reference")
+    patch = pytest.MonkeyPatch()
+    patch.setattr(sys, "argv", ["lerobot-eval", *RUN, *form("wrap", checkpoints, folder), *outputs(folder)])
+    eval_main()
+    patch.undo()
+    lines = journal(folder / "log.jsonl")
+    assert {line["length"] for line in lines} == {3}  # n_action_steps reached the agent
+    assert [line["episode"] for line in lines] == [0, 1] * 3 + [2, 3] * 3
+    assert len({line["score"] for line in lines}) > 6
+    return lines
+
+
+def outputs(folder: Path) -> list[str]:
+    return [f"--policy.log={folder / 'log.jsonl'}", f"--output_dir={folder / 'eval'}"]
+
+
+@pytest.mark.parametrize("name", ["type", "saved"])
+def test_the_forms_do_the_same_in_lerobot_eval(checkpoints, tmp_path, typed, reference, name):
+    typed(*RUN, *form(name, checkpoints, tmp_path), *outputs(tmp_path))
+    eval_main()
+    assert journal(tmp_path / "log.jsonl") == reference
+    assert json.loads((tmp_path / "eval" / "eval_info.json").read_text())["overall"]["n_episodes"] == 3
+
+
+@pytest.mark.slow
+def test_the_command_itself(checkpoints, tmp_path, reference):
+    command = [str(Path(sys.executable).with_name("lerobot-eval")), *RUN, *form("wrap", checkpoints, tmp_path)]
+    result = subprocess.run([*command, *outputs(tmp_path)], capture_output=True, text=True, env=dict(os.environ))
+    assert result.returncode == 0, result.stderr[-3000:]
+    assert journal(tmp_path / "log.jsonl") == reference
+    edited = sum(line["edited"] for line in reference) / len(reference)
+    assert f"gloves: {len(reference)} chunks, intervention rate {edited:.3f}" in result.stderr + result.stdout
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "{agent}",
+        "{agent}/",
+        "{agent}/.",
+    ],
+)
+def test_the_agents_folder_may_be_written_in_any_way(checkpoints, parse_eval, monkeypatch, path):
+    monkeypatch.chdir(checkpoints.agent.parent)
+    for agent in (str(checkpoints.agent), f"./{checkpoints.agent.name}"):
+        config = parse_eval(f"--policy.path={path.format(agent=agent)}", "--policy.wrap=gloves").policy
+        assert isinstance(config, GlovesConfig)
+        assert config.pretrained_path == PASSTHROUGH  # the agent's processors would normalise twice
+        assert config.agent_config.type == "act"
+
+
+def test_options_may_be_written_with_a_space(checkpoints, parse_eval):
+    config = parse_eval(
+        "--policy.path", str(checkpoints.agent), "--policy.wrap", "gloves", "--policy.adapter", str(checkpoints.adapter)
+    ).policy
+    assert (config.agent, config.adapter, config.method) == (str(checkpoints.agent), str(checkpoints.adapter), "feeg")
+
+
+def test_without_wrap_an_agent_is_itself(checkpoints, parse_eval):
+    config = parse_eval(f"--policy.path={checkpoints.agent}", "--policy.n_action_steps=2").policy
+    assert (config.type, config.n_action_steps, config.pretrained_path) == ("act", 2, checkpoints.agent)
+
+
+def test_the_wrappers_options_are_its_own_and_the_others_the_agents(checkpoints, parse_eval, tmp_path):
+    agent = save_policy(tmp_path / "flow", "gloves_flow_policy")
+    config = parse_eval(
+        f"--policy.path={agent}",
+        "--policy.wrap=gloves",
+        "--policy.seed=3",  # both have one
+        '--policy.agent_overrides=["--seed=8"]',
+        "--policy.num_inference_steps=7",
+        "--policy.pretrained_revision=v1",
+        "--policy.use_amp=false",
+        "--policy.device=cpu",
+    ).policy
+    assert (config.seed, config.agent_config.seed) == (3, 8)
+    assert config.agent_config.num_inference_steps == 7
+    assert config.num_inference_steps == 7  # LeRobot asks a policy's configuration for what only some have
+    assert config.agent_revision == config.agent_config.pretrained_revision == "v1"
+    with pytest.raises(AttributeError, match="no_such_option"):
+        _ = config.no_such_option
+
+
+def test_the_wrapper_is_asked_about_what_its_agent_needs(checkpoints):
+    config = make_policy_config("gloves", agent=str(checkpoints.agent))
+    assert config.input_features == config.agent_config.input_features
+    assert config.action_feature.shape == (2,)
+    assert (config.device, config.use_amp, config.n_obs_steps) == ("cpu", False, 1)
+
+
+def test_the_device_asked_for_is_the_device(checkpoints, monkeypatch):
+    """The agent's was where it was trained."""
+    for module in ("policies",):
+        monkeypatch.setattr(f"lerobot.configs.{module}.is_torch_device_available", lambda device: True)
+    assert make_policy_config("gloves", agent=str(checkpoints.agent), device="mps").device == "mps"
+    assert make_policy_config("gloves", agent=str(checkpoints.agent)).device == "cpu"
+
+
+def test_a_saved_wrapper_is_complete(checkpoints, tmp_path):
+    options = {
+        "gate": True,
+        "alpha": 0.3,
+        "method": "feeg:start=0.25",
+        "seed": 9,
+        "perturbation": Shift(dim=0, alpha=0.001, p=0.5),
+        "adapter_rename_map": {"observation.goal": "observation.aim"},
+        "log": tmp_path / "log",
+    }
+    policy = wrap(checkpoints.agent, adapter=checkpoints.adapter, **options)
+    policy.save_pretrained(tmp_path / "wrapper")
+    again, _ = load(tmp_path / "wrapper")
+    for key, value in options.items():
+        saved = getattr(again.config, key)
+        assert vars(saved) == vars(value) if key == "perturbation" else saved == value, key
+    batch = observation(2)
+    with torch.inference_mode():
+        assert all(torch.equal(policy.select_action(batch), again.select_action(batch)) for _ in range(7))
+
+
+def test_options_change_a_saved_wrapper(checkpoints, tmp_path):
+    wrap(checkpoints.agent, adapter=checkpoints.adapter).save_pretrained(tmp_path / "wrapper")
+    policy, _ = load(tmp_path / "wrapper", "--method=none", "--perturbation.type=noised", "--perturbation.sigma=0.02")
+    assert policy.config.method == "none" and policy._corrector.editor is None
+    assert isinstance(policy.config.perturbation, Noised) and policy.config.perturbation.sigma == 0.02
+
+
+def test_observations_are_renamed_for_the_agent(tmp_path, checkpoints, typed):
+    """`--rename_map` renames for the agent; the adapter has a map of its own, from the names after that."""
+    policy, _ = load(checkpoints.agent)
+    names = {"observation.state": "observation.tip", "observation.environment_state": "observation.pillars"}
+    inputs = {names.get(key, key): value for key, value in policy.config.input_features.items()}
+    agent = save_policy(tmp_path / "agent", "act", input_features=inputs, output_features=policy.config.output_features)
+    wrapped = [
+        f"--policy.path={agent}",
+        "--policy.wrap=gloves",
+        f"--policy.adapter={checkpoints.adapter}",
+        f"--policy.adapter_rename_map={json.dumps({v: k for k, v in names.items()})}",
+        f"--rename_map={json.dumps(names)}",
+    ]
+    typed(*RUN, *wrapped, *outputs(tmp_path))
+    eval_main()
+    assert len(journal(tmp_path / "log.jsonl")) == 2 * 2 * 2
+
+
+@pytest.mark.parametrize("name", ["wrap", "type", "saved"])
+def test_perturbations_are_chosen_on_the_command_line(checkpoints, tmp_path, parse_eval, name):
+    options = ["--policy.perturbation.type=noised", "--policy.perturbation.sigma=0.02"]
+    config = parse_eval(*form(name, checkpoints, tmp_path), *options).policy
+    assert isinstance(config.perturbation, Noised)
+    assert config.perturbation.sigma == 0.02
+    assert parse_eval(*form(name, checkpoints, tmp_path)).policy.perturbation is None
+
+
+def test_a_perturbation_acts_on_the_agents_raw_chunks_in_each_episode_alike(checkpoints):
+    batch = observation(3)
+    bare, perturbed = wrap(checkpoints.agent), wrap(checkpoints.agent, perturbation=Shift(dim=1, alpha=0.5, p=1.0))
+    chunk = torch.stack([bare.select_action(batch) for _ in range(5)], dim=1)
+    shifted = torch.stack([perturbed.select_action(batch) for _ in range(5)], dim=1)
+    torch.testing.assert_close(shifted, chunk + torch.tensor([0.0, 0.5]), rtol=0, atol=0)
+
+
+def test_a_perturbation_draws_by_seed_and_episode(checkpoints):
+    batch = {key: value[:1].expand(4, *value.shape[1:]) for key, value in observation(1).items()}
+
+    def noise(batch_size: int, seed: int = 0) -> torch.Tensor:
+        policy, drawn = wrap(checkpoints.agent, perturbation=Noised(sigma=1.0), seed=seed), []
+        for _ in range(4 // batch_size):
+            policy.reset()
+            some = {key: value[:batch_size] for key, value in batch.items()}
+            drawn.append(torch.stack([policy.select_action(some) for _ in range(7)], dim=1))
+        return torch.cat(drawn)
+
+    torch.testing.assert_close(noise(2), noise(4))
+    assert torch.equal(noise(4), noise(4))
+    assert not torch.allclose(noise(4, seed=1), noise(4), atol=0.1)
+    assert not torch.allclose(noise(4)[0], noise(4)[1], atol=0.1)
