@@ -1,7 +1,7 @@
 """What `lerobot-train` costs beyond the network, as ratios of flow samples a second measured in one run.
 
-Three loops with the same network, optimiser and batch: stock `lerobot-train` (the difference of two runs, so that its start
-does not count), a bare loop over the same loader and processors, and a bare loop over tensors that are already in memory.
+Three loops with the same network, optimiser and batch: stock `lerobot-train` (the difference of two runs, so that its
+start does not count), a bare loop over the same loader and processors, and a bare loop over tensors already in memory.
 
     python scripts/benchmark_training.py --dataset=<folder of a LeRobotDataset with state observations>
 """

@@ -1,6 +1,5 @@
 """The picture: raw and corrected paths through the pillars, seen from above."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -28,24 +27,28 @@ def draw(panels: Mapping[str, Sequence[Path2d]], title: str, file: Path) -> None
         title: Above them.
         file: A PNG.
     """
-    figure = Figure(figsize=(6.4 * len(panels), 5.6), dpi=150, layout="constrained")
+    width, height = 6.2 * len(panels), 6.0
+    figure = Figure(figsize=(width, height), dpi=150)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
+    figure.subplots_adjust(
+        left=0.7 / width, right=1 - 0.1 / width, top=1 - 1.0 / height, bottom=1.0 / height, wspace=0.04
+    )
     for panel, (label, paths) in zip(axes, panels.items(), strict=True):
         reached = sum(not path.failure for path in paths)
         panel.set_title(
-            f"{label}: {reached} of {len(paths)} succeed", loc="left", fontsize=15, color=INK, fontweight="bold", pad=10
+            f"{label}: {reached} of {len(paths)} succeed", loc="left", fontsize=15, color=INK, weight="bold"
         )
         _scene(panel)
-        for path in sorted(paths, key=lambda one: one.failure == ""):  # failures below, so that neither hides all
+        for path in sorted(paths, key=lambda one: one.failure == ""):  # failures below, where they hide nothing
             _path(panel, path)
     axes[0].set_ylabel("x in metres", fontsize=12, color=INK)
-    figure.suptitle(title, x=0.012, ha="left", fontsize=13, color=INK)
-    failures = Counter(path.failure for paths in panels.values() for path in paths if path.failure)
+    figure.text(0.7 / width, 1 - 0.3 / height, title, fontsize=13, color=INK, va="center")
+    failures = {path.failure for paths in panels.values() for path in paths if path.failure}
     handles = [Line2D([], [], color=SUCCESS, lw=2.5, label="through the requested corridor")]
     for failure in sorted(failures):
         marker, meaning = _end(failure)
         handles.append(Line2D([], [], color=FAILURE, lw=2.5, marker=marker, ms=8, mew=2, mfc="none", label=meaning))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=12)
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=12)
     figure.savefig(file)
 
 

@@ -82,10 +82,11 @@ def _outcome(failure: str) -> tuple[str, tuple[int, int, int]]:
 
 
 def _picture(panel: Panel, step: int, mode: str) -> Image.Image:
-    """A rendered frame with the requested gaps and the tip's way so far drawn on it."""
+    """A rendered frame with the requested gaps and the tip's way so far drawn on the table."""
     assert panel.path.frames is not None
-    picture = Image.fromarray(panel.path.frames[step])
-    pen = ImageDraw.Draw(picture)
+    frame = panel.path.frames[step]
+    drawn = Image.fromarray(frame)
+    pen = ImageDraw.Draw(drawn)
     angles = np.linspace(0, 2 * np.pi, 40)
     for row, gap in enumerate(parse_mode(mode)):
         x, y = GAP_CENTRES[row][gap], ROW_Y[row]
@@ -95,7 +96,15 @@ def _picture(panel: Panel, step: int, mode: str) -> Image.Image:
     trail = _pixels(np.column_stack([tips, np.full(len(tips), TIP_HEIGHT)]))
     for k in range(step):
         pen.line(trail[k : k + 2], EDITED if panel.edited[k] else OWN, 7, joint="curve")
+    picture = Image.fromarray(frame)
+    picture.paste(drawn, mask=Image.fromarray(_table(frame)))
     return picture
+
+
+def _table(frame: np.ndarray) -> np.ndarray:
+    """255 where a frame shows the table or a line on it, 0 where the grey arm or a red pillar stands before it."""
+    red, green, blue = np.moveaxis(frame.astype(np.int16), -1, 0)
+    return np.where((np.abs(red - blue) < 15) | (red - green > 60), 0, 255).astype(np.uint8)
 
 
 def _pixels(points: np.ndarray) -> list[tuple[float, float]]:

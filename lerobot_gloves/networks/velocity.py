@@ -12,9 +12,10 @@ from lerobot_gloves.networks.encoders import ImageEncoder, StateEncoder
 class VelocityNetwork(nn.Module):
     """Conditional velocity field v(x, t | c) (paper, appendix "Model Architecture").
 
-    The context is one token for the concatenated state vectors, one for the goal, and a grid of tokens for each
-    camera, whose encoders share no weights. What is dropped, the goal or in a network without one the whole context,
-    becomes a learned null token (classifier-free guidance).
+    The context is one token for the concatenated state vectors, one for the goal, which is read together with them since what
+    it asks for depends on where the robot is, and a grid of tokens for each camera, whose encoders share no weights.
+    What is dropped, the goal or in a network without one the whole context, becomes a learned null token
+    (classifier-free guidance).
 
     Args:
         action_dim: A.
@@ -49,19 +50,20 @@ class VelocityNetwork(nn.Module):
         self.context_dropout, self.visual_dropout = context_dropout, visual_dropout
         self.state_encoder = StateEncoder(sum(states.values()), context_dim) if states else None
         self.image_encoders = nn.ModuleList(ImageEncoder(context_dim) for _ in cameras)
-        self.goal_encoder = StateEncoder(goal[1], context_dim) if goal else None
+        self.goal_encoder = StateEncoder(goal[1] + sum(states.values()), context_dim) if goal else None
         self.null = nn.Parameter(torch.zeros(1, 1, context_dim))
         self.dit = DiT(action_dim, context_dim, **dit)  # type: ignore[arg-type]
 
     def encode(self, observation: Mapping[str, Tensor]) -> tuple[Tensor, Tensor | None]:
         """Context tokens (B, S, d_c) and, if there is one, the goal's token (B, 1, d_c)."""
-        tokens = []
+        vectors, tokens, goal = [observation[key] for key in self.states], [], None
         if self.state_encoder is not None:
-            tokens.append(self.state_encoder(torch.cat([observation[key] for key in self.states], dim=-1)))
+            tokens.append(self.state_encoder(torch.cat(vectors, dim=-1)))
+        if self.goal_encoder is not None and self.goal is not None:
+            goal = self.goal_encoder(torch.cat([observation[self.goal], *vectors], dim=-1))
         for key, encoder in zip(self.cameras, self.image_encoders, strict=True):
             view = encoder(observation[key])
             tokens.append(view * self._keeps(view, self.visual_dropout))
-        goal = self.goal_encoder(observation[self.goal]) if self.goal_encoder is not None and self.goal else None
         return torch.cat(tokens, dim=1), goal
 
     def bind(self, observation: Mapping[str, Tensor], guidance: float = 1.0) -> "BoundVelocity":

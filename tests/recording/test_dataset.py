@@ -132,9 +132,6 @@ def test_a_failed_demonstration_is_dropped_and_played_anew(monkeypatch):
         def disturb(self, action):
             return action
 
-        def disturb(self, action):
-            return action
-
     original = SlalomEnv.make_expert
     monkeypatch.setattr(SlalomEnv, "make_expert", lambda self, rng: Clumsy(original(self, rng)))
     episode = demonstrations.demonstrate(SlalomEnv(), Slalom(), 30000)

@@ -1,6 +1,6 @@
 """Settings of the wrapper."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import draccus
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_gloves.perturbations import PERTURBATIONS
+from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 
 PASSTHROUGH = Path(str(files(__package__))) / "passthrough"
 """Saved processor pipelines that change nothing: what LeRobot loads around the wrapper."""
@@ -69,6 +69,10 @@ class GlovesConfig(PreTrainedConfig):
             raise ValueError("gloves: --policy.method and --policy.gate need --policy.adapter, a trained checkpoint")
         if self.method is None:
             self.method = "none" if self.adapter is None else "feeg"
+        if isinstance(self.perturbation, Perturbation) and not isinstance(self.perturbation, PerturbationConfig):
+            # The library's own, from Python: draccus would save it without its name.
+            name = next(name for name, choice in PERTURBATIONS.items() if choice is type(self.perturbation))
+            self.perturbation = PerturbationConfig.get_choice_class(name)(**asdict(self.perturbation))
         if self.agent:
             self.adopt_agent()
         super().__post_init__()

@@ -1,0 +1,47 @@
+"""Write docs/results.md from the rows in docs/rows/: no figure in it is typed by hand.
+
+A folder of docs/rows/ holds rows of `gloves bench`; a JSON file holds what one command measured: its command, a title
+and lines of a table.
+
+    python scripts/write_results.py
+"""
+
+import json
+from pathlib import Path
+
+from lerobot_gloves.benchmark.markdown import markdown_table
+from lerobot_gloves.benchmark.report import report
+from lerobot_gloves.benchmark.rows import read_rows
+
+DOCS = Path(__file__).parents[1] / "docs"
+HEAD = """# Results
+
+Everything here was measured on two cores without a GPU, by the command that stands beside it. This page is written by
+`python scripts/write_results.py` from `docs/rows/`.
+"""
+
+
+def benchmark(folder: Path) -> str:
+    """One folder of benchmark rows, with the note beside it."""
+    note = folder / "note.md"
+    return "\n".join([note.read_text().strip(), "", report(read_rows(folder)).strip()])
+
+
+def measurement(file: Path) -> str:
+    """One file of figures and its command."""
+    found = json.loads(file.read_text())
+    parts = [f"## {found['title']}", f"```bash\n{found['command']}\n```"]
+    if "table" in found:
+        parts.append(markdown_table(found["table"]))
+    return "\n\n".join([*parts, *found.get("notes", [])])
+
+
+def main() -> None:
+    """Write the page."""
+    rows = DOCS / "rows"
+    sections = [benchmark(path) if path.is_dir() else measurement(path) for path in sorted(rows.iterdir())]
+    (DOCS / "results.md").write_text("\n\n".join([HEAD.strip(), *sections]) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+import huggingface_hub.constants as constants
+import pytest
+import torch
+from lerobot.policies import get_policy_class
+
+from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration
+from tests.builders import load, observation, save_policy, wrap
+from tests.hub import hub  # noqa: F401
+
+
+@pytest.fixture
+def online(hub, monkeypatch, tmp_path):  # noqa: F811
+    """This process talks to the stand-in."""
+    monkeypatch.setattr(constants, "ENDPOINT", hub.url)
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
+    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("HF_TOKEN", "hf_stand_in")
+    return hub
+
+
+def test_a_pushed_expert_flow_carries_its_calibration(checkpoints, online):
+    expert = get_policy_class("gloves_expert_flow").from_pretrained(checkpoints.adapter)
+    expert.push_to_hub("tester/expert")
+    files = online.repositories["models", "tester/expert"].files
+    assert files[CALIBRATION_NAME] == (checkpoints.adapter / CALIBRATION_NAME).read_bytes()
+    assert files["model.safetensors"] == (checkpoints.adapter / "model.safetensors").read_bytes()
+    pulled = get_policy_class("gloves_expert_flow").from_pretrained("tester/expert")
+    assert pulled.calibration.weights == expert.calibration.weights
+    assert Calibration.load("tester/expert").episodes == (7, 8)
+
+
+def test_an_uncalibrated_one_on_the_hub_has_none(tmp_path, online):
+    expert, _ = load(save_policy(tmp_path / "expert", "gloves_expert_flow"))
+    expert.push_to_hub("tester/plain")
+    assert Calibration.load("tester/plain") is None
+    assert get_policy_class("gloves_expert_flow").from_pretrained("tester/plain").calibration is None
+
+
+def test_agent_adapter_and_wrapper_are_taken_from_the_hub(checkpoints, online):
+    from huggingface_hub import HfApi
+
+    for name, folder in [("agent", checkpoints.agent), ("adapter", checkpoints.adapter)]:
+        HfApi().create_repo(f"tester/{name}")
+        HfApi().upload_folder(repo_id=f"tester/{name}", folder_path=folder)
+    policy = wrap("tester/agent", adapter="tester/adapter", gate=True)
+    local = wrap(checkpoints.agent, adapter=checkpoints.adapter, gate=True)
+    batch = observation(2)
+    with torch.inference_mode():
+        expected = [local.select_action(batch) for _ in range(7)]
+        assert all(torch.equal(policy.select_action(batch), action) for action in expected)
+        policy.push_to_hub("tester/wrapper")
+        wrapper, _ = load_from_hub("tester/wrapper")
+        assert all(torch.equal(wrapper.select_action(batch), action) for action in expected)
+
+
+def load_from_hub(repo_id: str):
+    from lerobot.configs import PreTrainedConfig
+    from lerobot.policies import make_pre_post_processors
+
+    config = PreTrainedConfig.from_pretrained(repo_id)
+    policy = get_policy_class(config.type).from_pretrained(repo_id, config=config)
+    return policy, make_pre_post_processors(config, repo_id)

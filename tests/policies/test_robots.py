@@ -1,0 +1,108 @@
+"""`lerobot-rollout` on a toy robot, and what real-time chunking asks of a policy."""
+
+import signal
+
+import pytest
+import torch
+from lerobot.policies.rtc.configuration_rtc import RTCConfig
+from lerobot.rollout.inference.rtc import supports_rtc_inference
+from lerobot.scripts.lerobot_rollout import rollout
+
+from lerobot_gloves.editors import FEEG
+from lerobot_policy_gloves.gloves_flow_policy.modeling_gloves_flow_policy import GlovesFlowPolicy
+from tests.builders import load, observation, save_policy, wrap
+from tests.policies.toy_robot import INPUTS, OUTPUTS, ToyRobot
+
+
+@pytest.fixture(scope="module")
+def toy_checkpoints(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("toy")
+    features = {"input_features": INPUTS, "output_features": OUTPUTS}
+    agent = save_policy(folder / "agent", "gloves_expert_flow", **features)
+    return agent, save_policy(folder / "adapter", "gloves_expert_flow", seed=7, **features)
+
+
+@pytest.fixture
+def operate(typed):
+    """Run `lerobot-rollout` with some options; returns the commands that the robot got."""
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+    handlers = {name: signal.getsignal(getattr(signal, name)) for name in names}
+
+    def run(*options: str) -> torch.Tensor:
+        common = ["--robot.type=gloves_toy", "--fps=500", "--task=move", "--return_to_initial_position=false"]
+        typed(*common, *options)
+        rollout()
+        return torch.tensor(ToyRobot.sent)
+
+    yield run
+    for name, handler in handlers.items():
+        signal.signal(getattr(signal, name), handler)
+
+
+def test_the_wrapped_agent_moves_a_robot_as_the_bare_one_does(toy_checkpoints, operate):
+    agent, adapter = toy_checkpoints
+    bare = operate(f"--policy.path={agent}")
+    assert bare.shape == (10, 2) and (bare[1:] != bare[:-1]).any(dim=1).all()
+    assert torch.equal(operate(f"--policy.path={agent}", "--policy.wrap=gloves"), bare)
+    edited = operate(f"--policy.path={agent}", "--policy.wrap=gloves", f"--policy.adapter={adapter}")
+    assert (edited != bare).all()
+    named = operate("--policy.type=gloves", f"--policy.agent={agent}", f"--policy.adapter={adapter}")
+    assert torch.equal(named, edited)
+
+
+def test_a_saved_wrapper_moves_a_robot(toy_checkpoints, operate, tmp_path):
+    agent, adapter = toy_checkpoints
+    wrap(agent, adapter=adapter).save_pretrained(tmp_path / "wrapper")
+    edited = operate(f"--policy.path={agent}", "--policy.wrap=gloves", f"--policy.adapter={adapter}")
+    assert torch.equal(operate(f"--policy.path={tmp_path / 'wrapper'}"), edited)
+
+
+def test_real_time_chunking_is_supported_where_the_agent_supports_it(checkpoints, tmp_path, monkeypatch):
+    policy = wrap(save_policy(tmp_path / "agent", "gloves_flow_policy"))
+    assert not supports_rtc_inference(policy)
+    monkeypatch.setattr(GlovesFlowPolicy, "supports_rtc", lambda self: True)
+    assert supports_rtc_inference(policy)
+    initialised = []
+    monkeypatch.setattr(
+        GlovesFlowPolicy, "init_rtc_processor", lambda self: initialised.append(self.config.rtc_config), raising=False
+    )
+    policy.config.rtc_config = RTCConfig(execution_horizon=3)  # as LeRobot does
+    policy.init_rtc_processor()
+    assert initialised == [policy.config.rtc_config]
+
+
+def test_a_chunk_is_corrected_whole_and_what_is_left_of_it_returns_to_the_agent(checkpoints, tmp_path):
+    """The agent's chunk has 9 actions, the adapter's 6: windows of 6 and 3."""
+    agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=9, n_action_steps=2)
+    bare, (preprocess, postprocess) = load(agent)
+    batch = observation(1)
+    proposal = postprocess(bare.predict_action_chunk(preprocess(dict(batch))))
+    policy = wrap(agent, adapter=checkpoints.adapter, method="feeg:start=1")  # the identity but for rounding
+    asked = []
+    predict = policy._agent.policy.predict_action_chunk
+    policy._agent.policy.predict_action_chunk = lambda given, **options: asked.append(options) or predict(given)
+    chunk = policy.predict_action_chunk(batch, inference_delay=2, prev_chunk_left_over=None)
+    assert asked == [{"inference_delay": 2}]
+    torch.testing.assert_close(chunk, proposal, rtol=1e-4, atol=1e-8)
+    assert policy.statistics()["chunks"] == 2
+    policy.predict_action_chunk(batch, inference_delay=1, prev_chunk_left_over=proposal[0, 4:])
+    normalised = preprocess({**batch, "action": proposal})["action"]
+    torch.testing.assert_close(asked[1].pop("prev_chunk_left_over"), normalised[0, 4:])
+    assert asked[1] == {"inference_delay": 1}
+
+
+def test_a_chunk_is_edited_window_by_window(checkpoints, tmp_path):
+    agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=9)
+    adapter, (preprocess, postprocess) = load(checkpoints.adapter)
+    batch = observation(1)
+    proposal = wrap(agent).predict_action_chunk(batch)
+    edited = wrap(agent, adapter=checkpoints.adapter, method="feeg:steps=2").predict_action_chunk(batch)
+    assert edited.shape == proposal.shape == (1, 9, 2)
+    from lerobot_gloves.generators import spawn
+
+    generator, expected = spawn(0, 1, stream="editor"), []
+    for window in (proposal[:, :6], torch.cat([proposal[:, 6:], proposal[:, -1:].expand(-1, 3, -1)], dim=1)):
+        inputs = {key: value for key, value in batch.items() if key in adapter.config.input_features}
+        prepared = preprocess({**inputs, "action": window})
+        expected.append(postprocess(FEEG(steps=2)(prepared["action"], adapter.velocity(prepared), generator=generator)))
+    torch.testing.assert_close(edited, torch.cat(expected, dim=1)[:, :9], rtol=1e-4, atol=1e-7)
