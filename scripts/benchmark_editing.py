@@ -1,7 +1,8 @@
 """What editing and gating cost beyond the network evaluations that they need, as ratios measured in one run.
 
 FEEG is compared with as many forward and backward passes of the bare network as it has steps; the one-step gate with
-one forward pass. Each pair runs in turn and the median of the pairwise ratios is printed, so that a machine's mood cancels.
+one forward pass. Each pair runs in turn and the median of the pairwise ratios is printed, so that a machine's mood
+cancels.
 
     python scripts/benchmark_editing.py
 """

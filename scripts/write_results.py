@@ -1,7 +1,7 @@
 """Write docs/results.md from the rows in docs/rows/: no figure in it is typed by hand.
 
-A folder of docs/rows/ holds rows of `gloves bench`; a JSON file holds what one command measured: its command, a title
-and lines of a table.
+A folder of docs/rows/ holds rows of `gloves bench` and a note.md that says how they came about; a JSON file is what
+scripts/measure.py kept of one command.
 
     python scripts/write_results.py
 """
@@ -9,7 +9,6 @@ and lines of a table.
 import json
 from pathlib import Path
 
-from lerobot_gloves.benchmark.markdown import markdown_table
 from lerobot_gloves.benchmark.report import report
 from lerobot_gloves.benchmark.rows import read_rows
 
@@ -28,12 +27,9 @@ def benchmark(folder: Path) -> str:
 
 
 def measurement(file: Path) -> str:
-    """One file of figures and its command."""
+    """One command and what it printed."""
     found = json.loads(file.read_text())
-    parts = [f"## {found['title']}", f"```bash\n{found['command']}\n```"]
-    if "table" in found:
-        parts.append(markdown_table(found["table"]))
-    return "\n\n".join([*parts, *found.get("notes", [])])
+    return f"## {found['title']}\n\n```console\n$ {found['command']}\n{found['printed']}\n```"
 
 
 def main() -> None:

@@ -88,7 +88,7 @@ def write_row(
     conditions: Conditions,
     seconds: float,
     episodes: list[Episode],
-) -> Row:
+) -> None:
     """Write a row: whatever happens, its file is there whole or not at all."""
     row: Row = {
         "cell": asdict(cell),
@@ -105,7 +105,6 @@ def write_row(
         opened.flush()
         os.fsync(opened.fileno())
     temporary.replace(file)
-    return row
 
 
 def read_rows(folder: Path) -> list[Row]:

@@ -62,14 +62,14 @@ def bench(config: BenchConfig) -> list[str]:
         load(config, max(missing, key=lambda cell: (cell.method.endswith(GATE), cell.method != NONE)))
     failures = []
     with tqdm(total=len(cells), initial=len(done), desc="bench", unit="cell", smoothing=0) as progress:
-        for cell, outcome in play_all(config, missing, config.output_dir, min(config.num_workers, len(missing))):
-            if isinstance(outcome, Exception):
-                failures.append(f"{cell} failed: {type(outcome).__name__}: {' '.join(str(outcome).split())}")
-                progress.write(failures[-1], file=sys.stderr)
+        for failure in play_all(config, missing, config.output_dir, config.num_workers):
+            if failure is not None:
+                failures.append(failure)
+                progress.write(failure, file=sys.stderr)
             progress.update()
     rows = read_rows(config.output_dir)
     if rows:
-        print(report(rows))
+        print(report(rows), end="")
     return failures
 
 
@@ -92,4 +92,4 @@ def main() -> None:
                 "finished cells are kept: run the command again to go on"
             )
     if failures:
-        sys.exit(f"gloves bench: {len(failures)} cells failed, see above; run the command again to try only those")
+        sys.exit(f"gloves bench: {len(failures)} cell(s) failed, see above; run the command again to try only those")

@@ -46,7 +46,7 @@ class CalibrateConfig:
     scores: list[str] = field(
         default_factory=lambda: ["reverse:steps=1", "reverse:steps=2", "reverse:steps=5", "reverse:steps=10"]
     )
-    stride: int = 1
+    stride: int = 5
     batch_size: int = 64
     push_to_hub: bool = False
 

@@ -26,7 +26,7 @@ def write_report(config: ReportConfig) -> None:
     if not config.rows.is_dir():
         raise FileNotFoundError(f"{config.rows} is no folder: --rows takes the --output_dir of gloves bench")
     text = report(read_rows(config.rows))
-    print(text)
+    print(text, end="")
     if config.output is not None:
         config.output.parent.mkdir(parents=True, exist_ok=True)
         config.output.write_text(text)

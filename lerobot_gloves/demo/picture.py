@@ -1,13 +1,13 @@
 """The picture: raw and corrected paths through the pillars, seen from above."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
 
 from lerobot_gloves.demo.replay import Path2d
 from lerobot_gloves.tasks.slalom.scene import GOAL_Y, PILLAR_RADII, PILLARS, START
@@ -17,17 +17,16 @@ ENDS = {"collision": ("x", "touched a pillar"), "wrong_corridor": ("o", "wrong g
 """Marker where a path ends, and what it means, by the environment's word for the failure."""
 
 
-def draw(panels: Mapping[str, Sequence[Path2d]], title: str, file: Path) -> None:
-    """Draw a panel for each method, all over the same axes.
+def draw(panels: Mapping[str, Sequence[Path2d]], title: str) -> Figure:
+    """A panel for each method, all over the same axes.
 
     The goal lies to the right, and x grows downward, as the robot's camera sees it.
 
     Args:
         panels: Paths by the method's label.
         title: Above them.
-        file: A PNG.
     """
-    width, height = 6.2 * len(panels), 6.0
+    width, height = 6.2 * len(panels), 6.3
     figure = Figure(figsize=(width, height), dpi=150)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
     figure.subplots_adjust(
@@ -49,35 +48,20 @@ def draw(panels: Mapping[str, Sequence[Path2d]], title: str, file: Path) -> None
         marker, meaning = _end(failure)
         handles.append(Line2D([], [], color=FAILURE, lw=2.5, marker=marker, ms=8, mew=2, mfc="none", label=meaning))
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False, fontsize=12)
-    figure.savefig(file)
+    return figure
 
 
 def _scene(panel: Axes) -> None:
     for (x, y), radius in zip(PILLARS, PILLAR_RADII, strict=True):
         panel.add_patch(Circle((y, x), radius, facecolor="#ced4da", edgecolor=FAINT, lw=1.2, zorder=4))
     panel.axvline(GOAL_Y, color="#2f9e44", lw=4, zorder=1)
-    panel.annotate(
-        "goal",
-        (GOAL_Y, 0.24),
-        xytext=(-7, 0),
-        textcoords="offset points",
-        ha="right",
-        va="center",
-        color="#2f9e44",
-        fontsize=12,
-        fontweight="bold",
-    )
-    panel.plot(START[1], START[0], "o", ms=9, color=INK, zorder=5)
-    panel.annotate(
-        "start",
-        (START[1], START[0]),
-        xytext=(-9, 0),
-        textcoords="offset points",
-        ha="right",
-        va="center",
-        color=INK,
-        fontsize=12,
-    )
+    panel.plot(START[1], START[0], "o", ms=9, color=INK, zorder=7)
+    halo = [withStroke(linewidth=4, foreground="white")]
+    for word, (x, y), colour in (("goal", (0.235, GOAL_Y - 0.012), "#2f9e44"), ("start", (0.49, START[1]), INK)):
+        side = "right" if word == "goal" else "center"
+        panel.text(
+            y, x, word, color=colour, fontsize=13, weight="bold", ha=side, va="center", path_effects=halo, zorder=8
+        )
     panel.set(xlim=(-0.37, 0.40), ylim=(0.79, 0.21), aspect="equal")
     panel.set_xlabel("y in metres", fontsize=12, color=INK)
     panel.tick_params(labelsize=11, colors=FAINT, length=0)

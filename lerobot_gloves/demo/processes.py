@@ -17,7 +17,7 @@ LAST_LINES = 15
 """How much of a failed command's log is shown."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """A command to run.
 
@@ -68,7 +68,8 @@ def run(jobs: Sequence[Job], *, began: float, width: int = 2) -> None:
     try:
         while waiting or running:
             while waiting and len(running) < width:
-                running[waiting[0]] = _start(waiting.popleft()), time.monotonic()
+                job = waiting.popleft()
+                running[job] = _start(job), time.monotonic()
             time.sleep(0.1)
             for job, (process, started) in list(running.items()):
                 if process.poll() is None:

@@ -18,8 +18,9 @@ def draw_paths(setting: Setting, raw: Result, corrected: Result, file: Path) -> 
         result.method.label: [replay(result, i, setting.seed + i) for i in range(setting.episodes)]
         for result in (raw, corrected)
     }
-    title = f"The same agent ({setting.perturbation}), the same {setting.episodes} episodes, all 24 corridors"
-    picture.draw(panels, title, file)
+    corridors = min(setting.episodes, len(MODES))
+    title = f"The same agent ({setting.perturbation}) in the same {setting.episodes} episodes of {corridors} corridors"
+    picture.draw(panels, title).savefig(file)
 
 
 def write_video(setting: Setting, raw: Result, corrected: Result, file: Path) -> str:

@@ -2,6 +2,7 @@ import urllib.error
 
 import pytest
 import torch
+import torch.nn.functional as F
 from torch import nn
 from torchvision.models import ResNet18_Weights, resnet18
 
@@ -84,7 +85,9 @@ def test_unknown_weights_are_refused_with_the_valid_ones(weights):
         ImageEncoder(8).load_pretrained(weights)
 
 
-def test_a_state_becomes_one_token_by_three_layers():
-    encoder = StateEncoder(5, 8)
-    assert encoder(torch.randn(3, 5)).shape == (3, 1, 8)
-    assert [tuple(m.weight.shape) for m in encoder if isinstance(m, nn.Linear)] == [(256, 5), (256, 256), (8, 256)]
+def test_a_stretched_state_becomes_one_token_by_three_layers():
+    encoder, state = StateEncoder(5, 8), torch.randn(3, 5)
+    first, second, third = (module for module in encoder.modules() if isinstance(module, nn.Linear))
+    assert [tuple(layer.weight.shape) for layer in (first, second, third)] == [(256, 5), (256, 256), (8, 256)]
+    expected = third(F.gelu(second(F.gelu(first(4 * state)))))
+    torch.testing.assert_close(encoder(state), expected[:, None])

@@ -1,7 +1,8 @@
 """LeRobot's commands in this process."""
 
+import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,13 +30,17 @@ def checkpoints(tmp_path_factory) -> Checkpoints:
 
 
 @pytest.fixture
-def typed(monkeypatch) -> Callable[..., None]:
+def typed(monkeypatch) -> Iterator[Callable[..., None]]:
     """Makes its arguments what was typed after a command's name."""
 
     def as_typed(*arguments: str) -> None:
         monkeypatch.setattr(sys, "argv", ["lerobot-command", *arguments])
 
-    return as_typed
+    root = logging.getLogger()
+    handlers, level = list(root.handlers), root.level
+    yield as_typed
+    # LeRobot's commands set logging up for themselves, on this test's standard error.
+    root.handlers, root.level = handlers, level
 
 
 @pytest.fixture

@@ -1,11 +1,14 @@
 import json
+from itertools import pairwise
 
 import torch
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
+from lerobot.policies import make_pre_post_processors
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import rollout
 
 from lerobot_gloves.perturbations import Shift
+from lerobot_policy_gloves.gloves.configuration_gloves import PASSTHROUGH
 from tests.builders import save_policy, slalom, wrap
 
 
@@ -19,7 +22,7 @@ def test_an_environment_rests_when_its_episode_is_over():
                 after.append((observation["agent_pos"].copy(), reward.copy(), terminated.copy()))
         assert len(after) > 5  # it hit the first pillar
         first = after[0][0]
-        for earlier, later in zip(after, after[1:], strict=False):
+        for earlier, later in pairwise(after):
             assert (later[0][0] == first[0]).all() and later[1][0] == 0 and later[2].tolist() == [True, False]
             assert (later[0][1] != earlier[0][1]).any()  # the other goes on
         observation, _ = env.reset(seed=[2, 3], options={NEW_ROLLOUT_OPTION: True})
@@ -42,9 +45,9 @@ def test_only_chunks_of_running_episodes_count_in_lerobots_loop(tmp_path, checkp
     mean, std = (policy._agent.postprocess.steps[0]._tensor_stats["action"][key] for key in ("mean", "std"))
     head.weight.data.zero_()
     head.bias.data.copy_(((raw - mean) / std)[0])
-    identity = PolicyProcessorPipeline(steps=[])
+    identity, pipelines = PolicyProcessorPipeline(steps=[]), make_pre_post_processors(policy.config, PASSTHROUGH)
     with slalom(batch=3, episode_length=100) as env:
-        result = rollout(env, policy, identity, identity, identity, identity, seeds=[0, 1, 2])
+        result = rollout(env, policy, identity, identity, *pipelines, seeds=[0, 1, 2])
     lengths = [int(done.nonzero()[0]) + 1 for done in result["done"]]
     assert len(set(lengths)) > 1 and max(lengths) < 100
     lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]

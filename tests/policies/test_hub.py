@@ -1,6 +1,7 @@
 import huggingface_hub.constants as constants
 import pytest
 import torch
+from huggingface_hub import HfApi
 from lerobot.policies import get_policy_class
 
 from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration
@@ -12,6 +13,8 @@ from tests.hub import hub  # noqa: F401
 def online(hub, monkeypatch, tmp_path):  # noqa: F811
     """This process talks to the stand-in."""
     monkeypatch.setattr(constants, "ENDPOINT", hub.url)
+    template = "/{repo_id}/resolve/{revision}/{filename}"
+    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", hub.url + template)
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
     monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
     monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
@@ -38,8 +41,6 @@ def test_an_uncalibrated_one_on_the_hub_has_none(tmp_path, online):
 
 
 def test_agent_adapter_and_wrapper_are_taken_from_the_hub(checkpoints, online):
-    from huggingface_hub import HfApi
-
     for name, folder in [("agent", checkpoints.agent), ("adapter", checkpoints.adapter)]:
         HfApi().create_repo(f"tester/{name}")
         HfApi().upload_folder(repo_id=f"tester/{name}", folder_path=folder)
@@ -49,15 +50,7 @@ def test_agent_adapter_and_wrapper_are_taken_from_the_hub(checkpoints, online):
     with torch.inference_mode():
         expected = [local.select_action(batch) for _ in range(7)]
         assert all(torch.equal(policy.select_action(batch), action) for action in expected)
-        policy.push_to_hub("tester/wrapper")
-        wrapper, _ = load_from_hub("tester/wrapper")
+    policy.push_to_hub("tester/wrapper")
+    wrapper, _ = load("tester/wrapper")
+    with torch.inference_mode():
         assert all(torch.equal(wrapper.select_action(batch), action) for action in expected)
-
-
-def load_from_hub(repo_id: str):
-    from lerobot.configs import PreTrainedConfig
-    from lerobot.policies import make_pre_post_processors
-
-    config = PreTrainedConfig.from_pretrained(repo_id)
-    policy = get_policy_class(config.type).from_pretrained(repo_id, config=config)
-    return policy, make_pre_post_processors(config, repo_id)

@@ -11,7 +11,7 @@ from lerobot.scripts.lerobot_rollout import rollout
 from lerobot_gloves.editors import FEEG
 from lerobot_policy_gloves.gloves_flow_policy.modeling_gloves_flow_policy import GlovesFlowPolicy
 from tests.builders import load, observation, save_policy, wrap
-from tests.policies.toy_robot import INPUTS, OUTPUTS, ToyRobot
+from tests.policies.toyrobot import INPUTS, OUTPUTS, ToyRobot
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 """The wrapper: it asks the agent, corrects what the agent proposes, and is a LeRobot policy itself."""
 
-import atexit
 import shutil
+import weakref
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ class GlovesPolicy(PreTrainedPolicy):
             self._corrector = Corrector(config) if config.adapter else None
         self._journal = Journal(config.log)
         self._episodes = Episodes()
-        atexit.register(self._journal.report)
+        weakref.finalize(self, self._journal.report)  # at the latest when the program ends
         self.reset()
 
     @classmethod

@@ -31,6 +31,7 @@ class ToyRobot(Robot):
 
     def __init__(self, config: ToyRobotConfig):
         super().__init__(config)
+        self.steps = config.steps
         self.joints = torch.tensor([0.3, -0.2], dtype=torch.float64)
         ToyRobot.sent = []
 
@@ -42,7 +43,7 @@ class ToyRobot(Robot):
     def configure(self) -> None: ...
 
     def get_observation(self) -> dict[str, float]:
-        if len(ToyRobot.sent) == self.config.steps:
+        if len(ToyRobot.sent) == self.steps:
             raise KeyboardInterrupt
         return dict(zip(JOINTS, self.joints.tolist(), strict=True))
 
