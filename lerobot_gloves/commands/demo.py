@@ -30,13 +30,13 @@ class DemoConfig:
     """Evaluate one policy raw and corrected under a perturbation; with --train=true make the policies first."""
 
     # What makes the agent imperfect: noised, laggy, slow or shift, with its options.
-    perturbation: str = "noised:sigma=0.005"
+    perturbation: str = "slow:alpha=0.25,p=0.75"
     # Options of FPAS, such as fpas:candidates=32.
     fpas: str = "fpas"
     # Options of FEEG, such as feeg:start=0.4.
-    feeg: str = "feeg"
+    feeg: str = "feeg:start=0.2,align=0.3"
     # Nonconformity score of the gate and its options.
-    score: str = "reverse:steps=1"
+    score: str = "reverse:steps=5"
     # The gate's significance level.
     alpha: float = 0.05
     # Episodes of each method.

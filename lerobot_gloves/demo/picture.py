@@ -67,8 +67,8 @@ def _scene(panel: Axes) -> None:
     panel.tick_params(labelsize=11, colors=FAINT, length=0)
     panel.grid(color="#f1f3f5", zorder=0)
     panel.set_axisbelow(True)
-    for side in panel.spines.values():
-        side.set_visible(False)
+    for spine in panel.spines.values():
+        spine.set_visible(False)
 
 
 def _path(panel: Axes, path: Path2d) -> None:

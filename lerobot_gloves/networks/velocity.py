@@ -12,9 +12,9 @@ from lerobot_gloves.networks.encoders import ImageEncoder, StateEncoder
 class VelocityNetwork(nn.Module):
     """Conditional velocity field v(x, t | c) (paper, appendix "Model Architecture").
 
-    The context is one token for the concatenated state vectors, one for the goal, which is read together with them since what
-    it asks for depends on where the robot is, and a grid of tokens for each camera, whose encoders share no weights.
-    What is dropped, the goal or in a network without one the whole context, becomes a learned null token
+    The context is one token for the concatenated state vectors, one for the goal, which is read together with them
+    since what it asks for depends on where the robot is, and a grid of tokens for each camera, whose encoders share
+    no weights. What is dropped, the goal or in a network without one the whole context, becomes a learned null token
     (classifier-free guidance).
 
     Args:

@@ -38,7 +38,9 @@ def test_a_failure_ends_the_others_and_shows_its_last_lines(tmp_path, capfd):
     lasting = job(tmp_path, "lasting", "import time; time.sleep(60)")
     failing = job(tmp_path, "failing", "print(*range(30), sep='\\n', flush=True); raise ValueError('no such corridor')")
     before = time.monotonic()
-    with pytest.raises(ChildProcessError, match=r"failing failed with exit status 1; all it printed is in .*failing\.log"):
+    with pytest.raises(
+        ChildProcessError, match=r"failing failed with exit status 1; all it printed is in .*failing\.log"
+    ):
         run([lasting, failing], began=before)
     assert time.monotonic() - before < 30
     errors = capfd.readouterr().err

@@ -297,7 +297,7 @@ def test_totals_are_logged_at_the_end(agent, adapter, caplog):
     policy = wrap(agent, adapter=adapter)
     with caplog.at_level("INFO"):
         policy._journal.report()
-        assert not caplog.records
+        assert "gloves:" not in caplog.text  # other tests may have left loggers talkative
         act(policy, observation(2), 4)
         policy._journal.report()
     assert "2 chunks, intervention rate 1.000" in caplog.text

@@ -1,4 +1,7 @@
-"""Settings shared by the policies that are flows (paper, tables (a) and (b))."""
+"""Settings shared by the policies that are flows (paper, tables (a) and (b)).
+
+The comments above the fields are what LeRobot's `--help` shows; it cannot read attributes in a docstring.
+"""
 
 from dataclasses import dataclass, field
 
@@ -8,54 +11,45 @@ from lerobot.optim import AdamWConfig
 
 @dataclass
 class FlowConfig(PreTrainedConfig):
-    """Network, training and sampling of a flow. The defaults are the paper's table (a) and (b).
+    """Network, training and sampling of a flow. The defaults are the paper's table (a) and (b)."""
 
-    Attributes:
-        chunk_size: Actions in a chunk, T.
-        n_action_steps: Actions executed before the next chunk is sampled.
-        context_dim: Width of a context token, d_c.
-        width: Hidden width of the DiT, d.
-        depth: Its blocks.
-        heads: Its attention heads, H.
-        mlp_ratio: Expansion of its MLP, r.
-        dropout: Dropout in its blocks.
-        time_dim: Frequencies of the time embedding.
-        context_dropout: Probability p_cfg of training without the context (with a goal: without the goal).
-        visual_dropout: Probability p_vd of training without one of the views.
-        pretrained_backbone_weights: torchvision weights that the image encoders start from; null for none.
-        samples_per_item: Independent draws of noise and time for each loaded item, so that loading it and encoding
-            its context are paid once for so many flow samples.
-        ema_decay: Decay of the averaged weights that inference uses; it warms up from 0.1.
-        num_inference_steps: Euler steps that sample a chunk.
-        guidance: Classifier-free guidance at inference; 1 is off.
-        seed: Seed of the noise that chunks are sampled from; with the episode's number it fixes an episode's draws.
-        optimizer_lr: Base learning rate.
-        optimizer_lr_backbone: Learning rate of the pretrained image encoders.
-        optimizer_betas: Adam's betas.
-        optimizer_weight_decay: Weight decay.
-        optimizer_grad_clip_norm: Largest gradient norm.
-        exclude_features: Observations of the dataset that the flow is not conditioned on.
-    """
-
+    # Actions in a chunk, T.
     chunk_size: int = 10
+    # Actions executed before the next chunk is sampled.
     n_action_steps: int = 10
 
+    # Width of a context token, d_c.
     context_dim: int = 256
+    # Hidden width of the DiT, d.
     width: int = 128
+    # Blocks of the DiT.
     depth: int = 4
+    # Attention heads, H.
     heads: int = 4
+    # Expansion of the MLP, r.
     mlp_ratio: int = 4
+    # Dropout in the blocks.
     dropout: float = 0.1
+    # Frequencies of the time embedding.
     time_dim: int = 256
+    # torchvision weights that the image encoders start from; null for none.
     pretrained_backbone_weights: str | None = "ResNet18_Weights.IMAGENET1K_V1"
 
+    # Probability p_cfg of training without the context (with a goal: without the goal).
     context_dropout: float = 0.2
+    # Probability p_vd of training without one of the views.
     visual_dropout: float = 0.1
+    # Independent draws of noise and time for each loaded item, so that loading it and encoding its context are paid
+    # once for so many flow samples.
     samples_per_item: int = 8
+    # Decay of the averaged weights that inference uses; it warms up.
     ema_decay: float = 0.999
 
+    # Euler steps that sample a chunk.
     num_inference_steps: int = 10
+    # Classifier-free guidance at inference; 1 is off.
     guidance: float = 1.0
+    # Seed of the noise that chunks are sampled from; with the episode's number it fixes an episode's draws.
     seed: int = 0
 
     # MIN_MAX sends an observation that never changes in the data to one constant exactly; dividing by its standard
@@ -69,13 +63,18 @@ class FlowConfig(PreTrainedConfig):
         }
     )
 
+    # Base learning rate.
     optimizer_lr: float = 3e-4
+    # Learning rate of the pretrained image encoders.
     optimizer_lr_backbone: float = 3e-5
+    # Adam's betas.
     optimizer_betas: tuple[float, float] = (0.9, 0.999)
+    # Weight decay.
     optimizer_weight_decay: float = 1e-3
+    # Largest gradient norm.
     optimizer_grad_clip_norm: float = 1.0
 
-    exclude_features: list[str] = field(default_factory=list)
+    exclude_features: list[str] = field(default_factory=list)  # Observations that the flow is not conditioned on.
 
     def __post_init__(self) -> None:
         super().__post_init__()

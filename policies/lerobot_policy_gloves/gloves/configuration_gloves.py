@@ -1,4 +1,7 @@
-"""Settings of the wrapper."""
+"""Settings of the wrapper.
+
+The comments above the fields are what LeRobot's `--help` shows; it cannot read attributes in a docstring.
+"""
 
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
@@ -31,38 +34,37 @@ class GlovesConfig(PreTrainedConfig):
 
     The same three ways as for any policy: `--policy.path=AGENT --policy.wrap=gloves`, `--policy.type=gloves
     --policy.agent=AGENT`, and `--policy.path=` a folder that this wrapper was saved to.
-
-    Attributes:
-        agent: Folder or Hub id of the policy to be corrected.
-        agent_revision: Its Hub revision.
-        agent_overrides: Command-line overrides of its configuration, such as `--n_action_steps=5`.
-        adapter: Folder or Hub id of the checkpoint that scores and edits; null leaves the agent as it is.
-        adapter_revision: Its Hub revision.
-        adapter_rename_map: Observation keys of the environment to those that the adapter was trained on.
-        method: The editor and its options, `NAME[:KEY=VALUE,...]`, such as `feeg:start=0.4`; `none` edits nothing.
-            By default `feeg`, and `none` without an adapter.
-        gate: Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter.
-        alpha: The gate's significance level: the share of expert chunks that it would turn away.
-        score: The nonconformity score and its options, such as `reverse:steps=5`.
-        perturbation: What is done to the agent's chunks to make it imperfect; null for nothing.
-        seed: Seed of the perturbation's and the editor's draws; with the episode's number it fixes them.
-        log: File that receives one JSON line a chunk of what the wrapper did.
     """
 
+    # Folder or Hub id of the policy to be corrected.
     agent: str | None = None
+    # The agent's Hub revision.
     agent_revision: str | None = None
+    # Options for the agent's configuration, such as '["--n_action_steps=5"]'. With --policy.wrap, options that the wrapper does
+    # not know reach the agent by themselves.
     agent_overrides: list[str] = field(default_factory=list)
+    # Folder or Hub id of the checkpoint that scores and edits; null leaves the agent as it is.
     adapter: str | None = None
+    # The adapter's Hub revision.
     adapter_revision: str | None = None
+    # Observation keys of the environment to those that the adapter was trained on.
     adapter_rename_map: dict[str, str] = field(default_factory=dict)
+    # The editor and its options, NAME[:KEY=VALUE,...], such as feeg:start=0.4; none edits nothing. By default feeg, and
+    # none without an adapter.
     method: str | None = None
+    # Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter.
     gate: bool = False
+    # The gate's significance level: the share of expert chunks that it would turn away.
     alpha: float = 0.05
+    # The nonconformity score and its options, such as reverse:steps=5.
     score: str = "reverse:steps=1"
+    # What is done to the agent's chunks to make it imperfect; null for nothing.
     perturbation: PerturbationConfig | None = None
+    # Seed of the perturbation's and the editor's draws; with the episode's number it fixes them.
     seed: int = 0
+    # File that receives one JSON line a chunk of what the wrapper did.
     log: Path | None = None
-    push_to_hub: bool = False
+    push_to_hub: bool = False  # A wrapper is not trained, so there is nothing to push by itself.
 
     def __post_init__(self) -> None:
         if self.adapter is None and (self.gate or self.method not in (None, "none")):

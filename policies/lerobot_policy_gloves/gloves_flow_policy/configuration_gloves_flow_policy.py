@@ -10,13 +10,9 @@ from ..flow.configuration_flow import FlowConfig
 @PreTrainedConfig.register_subclass("gloves_flow_policy")
 @dataclass
 class GlovesFlowConfig(FlowConfig):
-    """The expert flow's network with the goal as one more token.
+    """The expert flow's network with the goal as one more token."""
 
-    Attributes:
-        goal_feature: Observation key of the goal.
-    """
-
-    goal_feature: str = "observation.goal"
+    goal_feature: str = "observation.goal"  # Observation key of the goal.
 
     @property
     def goal(self) -> str:
