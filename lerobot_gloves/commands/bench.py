@@ -6,7 +6,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from draccus.utils import ParsingError
 from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
@@ -80,12 +79,6 @@ def main() -> None:
     with one_line_errors("gloves bench"):
         try:
             failures = bench()
-        except ParsingError as error:
-            # The parser wraps what a configuration says of a wrong value into errors of its own.
-            told: BaseException = error
-            while told.__cause__ is not None:
-                told = told.__cause__
-            raise ValueError(told) from error
         except BrokenProcessPool:
             sys.exit(
                 "gloves bench: a worker process was killed, perhaps for memory; "

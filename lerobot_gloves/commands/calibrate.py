@@ -31,23 +31,23 @@ from lerobot_gloves.specification import parse, specification
 class CalibrateConfig:
     """Score held-out expert episodes with a trained adapter and keep the scores beside its weights.
 
-    Attributes:
-        dataset: The expert's episodes; `--dataset.episodes` picks some. By default, of the dataset that the adapter was
-            trained on, the episodes that `--dataset.eval_split` held out of training, and of another dataset all.
-        policy: The adapter, `--policy.path=` a checkpoint's folder, or a Hub id with `--push_to_hub=true`.
-        scores: Nonconformity scores to calibrate, with their options.
-        stride: Every how many frames a chunk begins.
-        batch_size: Chunks scored at once.
-        push_to_hub: Whether to add the calibration to the checkpoint's Hub repository.
+    gloves calibrate --policy.path=CHECKPOINT --dataset.repo_id=EXPERT
     """
 
+    # The expert's episodes; --dataset.episodes picks some. By default, of the dataset that the adapter was trained on,
+    # the episodes that --dataset.eval_split held out of training, and of another dataset all.
     dataset: DatasetConfig
+    # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
     policy: PreTrainedConfig | None = None
+    # Nonconformity scores to calibrate, with their options.
     scores: list[str] = field(
         default_factory=lambda: ["reverse:steps=1", "reverse:steps=2", "reverse:steps=5", "reverse:steps=10"]
     )
+    # Every how many frames a chunk begins.
     stride: int = 5
+    # Chunks scored at once.
     batch_size: int = 64
+    # Whether to add the calibration to the checkpoint's Hub repository.
     push_to_hub: bool = False
 
     def __post_init__(self) -> None:

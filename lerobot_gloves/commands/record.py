@@ -22,22 +22,19 @@ RECORDING_SEEDS = 30000
 
 @dataclass
 class RecordedDatasetConfig:
-    """The dataset to write.
+    """The dataset to write."""
 
-    Attributes:
-        repo_id: Its name on the Hub, "user/name".
-        root: Its folder; LeRobot's folder for `repo_id` if None.
-        num_episodes: How many demonstrations.
-        video: Images as video instead of one by one.
-        push_to_hub: Upload it when it is complete.
-        private: Create a private repository; None leaves that to the organisation's default.
-    """
-
+    # Its name on the Hub, "user/name".
     repo_id: str
+    # Its folder; LeRobot's folder for repo_id by default.
     root: Path | None = None
+    # How many demonstrations.
     num_episodes: int = 400
+    # Images as video instead of one by one.
     video: bool = False
+    # Upload it when it is complete.
     push_to_hub: bool = False
+    # Create a private repository; by default what the organisation's settings say.
     private: bool | None = None
 
 
@@ -45,16 +42,16 @@ class RecordedDatasetConfig:
 class RecordConfig:
     """Play a task's scripted expert and write its episodes as a LeRobotDataset; run again, it goes on where it stopped.
 
-    Attributes:
-        env: The task, such as `--env.type=gloves_slalom --env.obs_type=state`.
-        dataset: What to write.
-        seed: Seed of the first episode; episode i has seed + i.
-        num_workers: Processes that record side by side.
+    gloves record --env.type=gloves_slalom --dataset.repo_id=USER/slalom
     """
 
+    # The task.
     env: EnvConfig
+    # What to write.
     dataset: RecordedDatasetConfig
+    # Seed of the first episode; episode i has seed + i.
     seed: int = RECORDING_SEEDS
+    # Processes that record side by side.
     num_workers: int = 1
 
     def __post_init__(self) -> None:

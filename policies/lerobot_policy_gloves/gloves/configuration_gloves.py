@@ -40,8 +40,8 @@ class GlovesConfig(PreTrainedConfig):
     agent: str | None = None
     # The agent's Hub revision.
     agent_revision: str | None = None
-    # Options for the agent's configuration, such as '["--n_action_steps=5"]'. With --policy.wrap, options that the wrapper does
-    # not know reach the agent by themselves.
+    # Options for the agent's configuration, such as '["--n_action_steps=5"]'. With --policy.wrap, options that the
+    # wrapper does not know reach the agent by themselves.
     agent_overrides: list[str] = field(default_factory=list)
     # Folder or Hub id of the checkpoint that scores and edits; null leaves the agent as it is.
     adapter: str | None = None
