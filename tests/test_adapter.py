@@ -30,3 +30,17 @@ def test_a_bound_adapter_counts_evaluations_per_chunk():
     editor, score = adapter.editors["fpas"](iterations=2, candidates=5), adapter.scores["reverse"](steps=1)
     some.edit(chunk[::2], editor, score=score, threshold=1.0)
     assert some.evaluations == 3 + 2 * 5
+
+
+def test_what_is_bound_inside_inference_mode_can_be_differentiated():
+    adapter, batch, chunk = make_policy("gloves_expert_flow"), observation(batch=2), torch.randn(2, 6, 2)
+    editor = adapter.editors["feeg"](start=0.2, steps=3)
+
+    def edit():
+        generator = torch.Generator().manual_seed(0)
+        return adapter.bind(batch).edit(chunk, editor, score=None, threshold=None, generator=generator)
+
+    expected = edit()
+    with torch.inference_mode():
+        batch = {key: value.clone() for key, value in batch.items()}
+        assert torch.equal(edit(), expected)

@@ -32,7 +32,7 @@ class DemoConfig:
     # What makes the agent imperfect: noised, laggy, slow or shift, with its options.
     perturbation: str = "slow:alpha=0.25,p=0.75"
     # Options of FPAS, such as fpas:candidates=32.
-    fpas: str = "fpas"
+    fpas: str = "fpas:iterations=3,candidates=8,sigma=0.3"
     # Options of FEEG, such as feeg:start=0.4.
     feeg: str = "feeg:start=0.2,align=0.3"
     # Nonconformity score of the gate and its options.

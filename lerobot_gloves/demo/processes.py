@@ -97,14 +97,16 @@ def _start(job: Job) -> subprocess.Popen:
             stdout=log,
             stderr=subprocess.STDOUT,
             env=os.environ | settings,
-            preexec_fn=_end_with_parent if sys.platform == "linux" else None,
+            preexec_fn=_prepare_to_end,
         )
 
 
-def _end_with_parent() -> None:
-    """Be interrupted when the parent dies, even by kill -9: nobody would know of what still runs and writes."""
-    set_parent_death_signal = 1
-    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
+def _prepare_to_end() -> None:
+    """Listen to interrupts, and get one when the parent dies: nobody would know of what still runs and writes."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # in the background, shells let commands ignore it
+    if sys.platform == "linux":
+        set_parent_death_signal = 1
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGINT)
 
 
 def _end(processes: Sequence[subprocess.Popen]) -> None:

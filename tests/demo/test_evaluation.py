@@ -58,7 +58,7 @@ def test_the_raw_agent_has_no_chunk_log(tmp_path):
 def test_progress_is_found_in_what_lerobot_prints():
     line = (
         "Stepping through eval batches:   0%|          | 0/1 [00:00<?, ?it/s]\x1b[A\n"
-        "Running rollout with at most 300 steps:   1%|▏         | 4/300 [00:01<01:28,  3.34it/s, running_success_rate=0.0%]"
+        "Running rollout with at most 300 steps:   1%|▏         | 4/300 [00:01<01:28,  3.34it/s, success=0.0%]"
         "\rRunning rollout with at most 300 steps:  99%|█████████▉| 297/300 [02:18<00:00,  6.35it/s]"
     )
     *_, last = ROLLED_OUT.finditer(line)

@@ -64,9 +64,10 @@ def test_progress_is_shown_where_there_is_a_terminal(tmp_path, capsys, monkeypat
 def test_children_end_with_a_killed_parent(tmp_path):
     child = f"import os, time; open({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(60)"
     parent = f"""
-import re, sys, time
+import re, signal, sys
 from pathlib import Path
 from lerobot_gloves.demo.processes import Job, run
+signal.signal(signal.SIGINT, signal.SIG_IGN)  # as for a command in the background
 run([Job("child", [sys.executable, "-c", {child!r}], Path({str(tmp_path / "log")!r}), re.compile("x"))], began=0)
 """
     process = subprocess.Popen([sys.executable, "-c", parent])

@@ -54,7 +54,9 @@ def test_the_video_shows_the_first_rescued_episode_and_says_so(tmp_path, monkeyp
     note = show.write_video(setting(tmp_path), raw, corrected, tmp_path / "v.mp4")
     # Seed 10000 + i asks for corridor (10000 + i) % 24 = 16 + i: 16 = 1 x 12 + 1 x 4 + 0.
     mode = ["1 1 0", "1 1 1"][chosen]
-    expected = f"v.mp4 shows seed {10000 + chosen}, corridor {mode}, chosen from the results: the first episode in which"
+    expected = (
+        f"v.mp4 shows seed {10000 + chosen}, corridor {mode}, chosen from the results: the first episode in which"
+    )
     assert note.startswith(expected)
     ((panels, shown_mode, caption, _),) = written
     assert shown_mode == mode and f"Seed {10000 + chosen}" in caption

@@ -17,7 +17,7 @@ def path() -> Path2d:
 
 
 def colour(frame, point):
-    (column, row), = video._pixels(np.array([point]))
+    ((column, row),) = video._pixels(np.array([point]))
     return frame[round(row), round(column)].astype(int)
 
 
@@ -36,9 +36,9 @@ def test_points_are_drawn_where_the_camera_sees_them(path):
 
 def test_nothing_is_drawn_over_pillars_and_arm(path):
     table = video._table(path.frames[0])
-    (column, row), = video._pixels(np.array([[*PILLARS[4], PILLAR_HEIGHT]]))
+    ((column, row),) = video._pixels(np.array([[*PILLARS[4], PILLAR_HEIGHT]]))
     assert table[round(row), round(column)] == 0
-    (column, row), = video._pixels(np.array([[0.7, 0.0, 0.0]]))
+    ((column, row),) = video._pixels(np.array([[0.7, 0.0, 0.0]]))
     assert table[round(row), round(column)] == 255
     # The arm's base is white, grey or black.
     assert table[80:160, 300:340].max() == 0
@@ -63,6 +63,6 @@ def test_both_sides_are_written_and_the_shorter_one_waits(path, tmp_path):
     assert np.abs(right[1] - right[3]).max() > 40
     # The outcome appears in the header of the side whose episode is over: orange on the left.
     header = frames[-1][: video.HEADER, half // 2 : half]
-    blue, green, red = np.moveaxis(header, -1, 0)
+    blue, _, red = np.moveaxis(header, -1, 0)
     assert (red - blue > 120).any()
     assert not (np.abs(frames[0][: video.HEADER, half // 2 : half] @ [1, 0, -1]) > 120).any()

@@ -1,0 +1,109 @@
+import hashlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from safetensors import safe_open
+
+from lerobot_gloves.calibration import Calibration, weights_hash
+from lerobot_gloves.commands import demo as command
+from lerobot_gloves.commands.demo import DemoConfig, methods
+from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR
+from lerobot_gloves.demo.evaluation import CHUNK_LOG
+from tests.builders import load, save_policy
+
+GLOVES = str(Path(sys.executable).with_name("gloves"))
+
+
+def files(name: str) -> list[Path]:
+    return sorted((PACKAGED / name).iterdir())
+
+
+@pytest.mark.parametrize("name", PAIR)
+def test_the_packaged_pair_is_small_whole_and_as_its_readme_says(name):
+    weights = [file for file in files(name) if file.suffix == ".safetensors"]
+    assert sum(file.stat().st_size for file in weights) <= 2_000_000
+    listed = dict(re.findall(r"^\| `(.+?)` \| \d+ \| `([0-9a-f]{64})` \|$", (PACKAGED / "README.md").read_text(), re.M))
+    here = {f"{name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files(name)}
+    assert {path: digest for path, digest in listed.items() if path.startswith(f"{name}/")} == here
+    with safe_open(PACKAGED / name / "model.safetensors", framework="pt") as tensors:
+        assert all(key.startswith("ema.") for key in tensors.keys())  # noqa: SIM118
+
+
+@pytest.mark.parametrize("name", PAIR)
+def test_the_packaged_pair_names_no_place_of_a_machine(name):
+    for file in files(name):
+        assert not re.search(rb"\"[^\"\n]*(/home/|/root/|/tmp/|/work/|/Users/)", file.read_bytes()), file.name
+
+
+def test_the_packaged_expert_flow_is_calibrated_for_the_demo():
+    adapter, _ = load(PACKAGED / EXPERT_FLOW)
+    calibration = Calibration.load(PACKAGED / EXPERT_FLOW)
+    calibration.check(weights_hash(adapter.state_dict()))
+    assert len(calibration.of(DemoConfig().score, adapter.config.chunk_size)) >= 19  # alpha = 0.05 can reject
+
+
+def test_the_rows_of_the_table():
+    cfg = DemoConfig(feeg="feeg:start=0.4", alpha=0.1)
+    raw, fpas, feeg, gated = methods(cfg, Path("flow"))
+    assert raw.options == ()
+    assert "--policy.adapter=flow" in fpas.options and "--policy.method=fpas" in fpas.options
+    assert set(gated.options) - set(feeg.options) == {"--policy.gate=true", "--policy.alpha=0.1"}
+    assert "--policy.method=feeg:start=0.4" in feeg.options
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (["--perturbation=jittery"], "unknown perturbation 'jittery': choose from laggy, noised, shift, slow"),
+        (["--feeg=fpas"], "unknown method 'fpas': choose from feeg"),
+        (["--fpas=fpas:beam=3"], "method 'fpas' has no option 'beam': choose from"),
+        (["--score=surprise"], "unknown score 'surprise': choose from reverse"),
+        (["--episodes=0"], "episodes is 0, but must be at least 1"),
+        (["--agent=nowhere"], "--agent: nowhere holds no policy"),
+        (
+            ["--train=true", "--agent=x"],
+            "--train=true makes agent and expert flow: leave --agent and --expert_flow out",
+        ),
+    ],
+)
+def test_bad_input_gets_one_line(options, line, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["gloves demo", *options])
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    assert str(ended.value).startswith(f"gloves demo: {line}") and "\n" not in str(ended.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_failed_run_is_one_line_and_its_log(monkeypatch, tmp_path, capfd):
+    agent = save_policy(tmp_path / "agent", "gloves_flow_policy")
+    broken = save_policy(tmp_path / "flow", "gloves_expert_flow")
+    monkeypatch.setattr(
+        command, "methods", lambda cfg, expert_flow: [command.Method("raw", "raw agent", ["--nonsense=1"])]
+    )
+    monkeypatch.setattr(sys, "argv", ["gloves demo", f"--agent={agent}", f"--expert_flow={broken}"])
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    assert str(ended.value).startswith("gloves demo: raw agent failed with exit status")
+    assert "nonsense" in capfd.readouterr().err and "nonsense" in Path("outputs/demo/evaluations/raw.log").read_text()
+
+
+@pytest.mark.slow
+def test_from_nothing_to_the_table(tmp_path):
+    """Everything that `make demo TRAIN=1` does, in the smallest numbers."""
+    options = ["--train=true", "--demonstrations=26", "--steps=2", "--episodes=2", f"--output_dir={tmp_path / 'out'}"]
+    ended = subprocess.run([GLOVES, "demo", *options], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr[-3000:]
+    rows = [line for line in ended.stdout.splitlines() if line.startswith("| ")]
+    assert [row.split("|")[1].strip() for row in rows[2:]] == ["raw agent", "FPAS", "FEEG", "FEEG + gate"]
+    assert "\n".join(rows) in (tmp_path / "out" / "table.md").read_text()
+    assert (tmp_path / "out" / "paths.png").exists()
+    for name in ("fpas", "feeg", "feeg_gate"):
+        assert (tmp_path / "out" / "evaluations" / name / CHUNK_LOG).exists()
+    for name in PAIR:
+        for file in (tmp_path / "out" / name).iterdir():
+            assert str(tmp_path).encode() not in file.read_bytes(), file
