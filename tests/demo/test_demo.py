@@ -10,7 +10,7 @@ from safetensors import safe_open
 from lerobot_gloves.calibration import Calibration, weights_hash
 from lerobot_gloves.commands import demo as command
 from lerobot_gloves.commands.demo import DemoConfig, methods
-from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR
+from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR, evaluation
 from lerobot_gloves.demo.evaluation import CHUNK_LOG
 from tests.builders import load, save_policy
 
@@ -46,10 +46,10 @@ def test_the_packaged_expert_flow_is_calibrated_for_the_demo():
 
 
 def test_the_rows_of_the_table():
-    cfg = DemoConfig(feeg="feeg:start=0.4", alpha=0.1)
+    cfg = DemoConfig(fpas="fpas:iterations=2", feeg="feeg:start=0.4", alpha=0.1)
     raw, fpas, feeg, gated = methods(cfg, Path("flow"))
     assert raw.options == ()
-    assert "--policy.adapter=flow" in fpas.options and "--policy.method=fpas" in fpas.options
+    assert "--policy.adapter=flow" in fpas.options and f"--policy.method={cfg.fpas}" in fpas.options
     assert set(gated.options) - set(feeg.options) == {"--policy.gate=true", "--policy.alpha=0.1"}
     assert "--policy.method=feeg:start=0.4" in feeg.options
 
@@ -80,16 +80,17 @@ def test_bad_input_gets_one_line(options, line, monkeypatch, tmp_path):
 
 def test_a_failed_run_is_one_line_and_its_log(monkeypatch, tmp_path, capfd):
     agent = save_policy(tmp_path / "agent", "gloves_flow_policy")
-    broken = save_policy(tmp_path / "flow", "gloves_expert_flow")
-    monkeypatch.setattr(
-        command, "methods", lambda cfg, expert_flow: [command.Method("raw", "raw agent", ["--nonsense=1"])]
-    )
-    monkeypatch.setattr(sys, "argv", ["gloves demo", f"--agent={agent}", f"--expert_flow={broken}"])
+    script = tmp_path / "lerobot-eval"
+    script.write_text("#!/bin/sh\necho the simulator is missing\nexit 3\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(evaluation, "console_script", lambda name: str(tmp_path / name))
+    monkeypatch.setattr(sys, "argv", ["gloves demo", f"--agent={agent}", f"--expert_flow={agent}"])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
         command.main()
-    assert str(ended.value).startswith("gloves demo: raw agent failed with exit status")
-    assert "nonsense" in capfd.readouterr().err and "nonsense" in Path("outputs/demo/evaluations/raw.log").read_text()
+    log = Path("outputs/demo/evaluations/raw.log")
+    assert str(ended.value) == f"gloves demo: raw agent failed with exit status 3; all it printed is in {log}"
+    assert log.read_text() == capfd.readouterr().err == "the simulator is missing\n"
 
 
 @pytest.mark.slow
