@@ -1,18 +1,24 @@
 """`gloves demo`: an imperfect policy gets better without being touched."""
 
+import multiprocessing
+import os
 import sys
 import time
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from lerobot_gloves.benchmark.processes import interrupts_ignored
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED
-from lerobot_gloves.demo.evaluation import Method, Setting, evaluation, perturbation_options, read
-from lerobot_gloves.demo.processes import clock, run
-from lerobot_gloves.demo.show import PICTURE, VIDEO, draw_paths, write_video
+from lerobot_gloves.demo.evaluation import Method, Result, Setting, evaluation, perturbation_options, read
+from lerobot_gloves.demo.processes import clock, ended
+from lerobot_gloves.demo.show import PICTURE, VIDEO, show
 from lerobot_gloves.demo.table import table
 from lerobot_gloves.demo.training import Training, train_pair
 from lerobot_gloves.editors import FEEG, FPAS
@@ -80,17 +86,39 @@ def demo(cfg: DemoConfig) -> None:
             raise FileNotFoundError(f"--{option}: {folder} holds no policy")
     setting = Setting(agent, cfg.perturbation, cfg.episodes, cfg.seed, cfg.output_dir / "evaluations")
     print(f"{headline(setting)}: two runs of lerobot-eval side by side", flush=True)
-    chosen = methods(cfg, expert_flow)
-    run([evaluation(setting, method) for method in chosen], began=began)
-    results = [read(setting, method) for method in chosen]
+    results, shown = evaluate(setting, methods(cfg, expert_flow), cfg.output_dir, began)
     text = table(results)
     print(f"\n{text}\n", flush=True)
-    draw_paths(setting, results[0], results[-1], cfg.output_dir / PICTURE)
-    note = write_video(setting, results[0], results[-1], cfg.output_dir / VIDEO)
+    note = shown.result()
     (cfg.output_dir / TABLE).write_text(f"{headline(setting)}.\n\n{text}\n\n{note}\n")
     written = [cfg.output_dir / name for name in (TABLE, PICTURE, VIDEO)]
     print(note, *(file for file in written if file.exists()), sep="\n")
     print(f"[{clock(time.monotonic() - began)}] done")
+
+
+def evaluate(
+    setting: Setting, rows: Sequence[Method], folder: Path, began: float
+) -> tuple[list[Result], "Future[str]"]:
+    """Run all methods, and draw the first and the last one as soon as both are there.
+
+    Returns:
+        Results in the order of the methods, and what the video shows.
+    """
+    raw, *others, corrected = rows
+    # What is drawn runs first, and the painter only takes what the other runs leave of the processor.
+    jobs = {evaluation(setting, method): method for method in (raw, corrected, *others)}
+    results: dict[Method, Result] = {}
+    context = multiprocessing.get_context("spawn")  # OpenGL does not survive a fork
+    with (
+        ProcessPoolExecutor(1, context, os.nice, (10,)) as painter,
+        closing(ended(list(jobs), began=began)) as finished,
+    ):
+        for job in finished:
+            results[jobs[job]] = read(setting, jobs[job])
+            if results.keys() == {raw, corrected}:
+                with interrupts_ignored():  # by the painter, which the end of this process ends
+                    shown = painter.submit(show, setting, results[raw], results[corrected], folder)
+        return [results[method] for method in rows], shown
 
 
 def headline(setting: Setting) -> str:
@@ -106,10 +134,10 @@ def methods(cfg: DemoConfig, expert_flow: Path) -> list[Method]:
     adapter = [f"--policy.adapter={expert_flow}", f"--policy.score={cfg.score}"]
     feeg = [*adapter, f"--policy.method={cfg.feeg}"]
     return [
-        Method("raw", "raw agent"),
+        Method("raw", "raw agent", recorded=True),
         Method("fpas", "FPAS", [*adapter, f"--policy.method={cfg.fpas}"]),
         Method("feeg", "FEEG", feeg),
-        Method("feeg_gate", "FEEG + gate", [*feeg, "--policy.gate=true", f"--policy.alpha={cfg.alpha}"]),
+        Method("feeg_gate", "FEEG + gate", [*feeg, "--policy.gate=true", f"--policy.alpha={cfg.alpha}"], recorded=True),
     ]
 
 
@@ -119,5 +147,5 @@ def main() -> None:
     with one_line_errors("gloves demo"):
         try:
             demo()
-        except ChildProcessError as error:
+        except (ChildProcessError, RuntimeError) as error:  # of a command; of OpenGL or a replay
             sys.exit(f"gloves demo: {error}")

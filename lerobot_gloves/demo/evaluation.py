@@ -18,7 +18,7 @@ CHUNK_LOG = "chunks.jsonl"
 ROLLED_OUT = re.compile(r"Running rollout.*?(?P<done>\d+)/(?P<total>\d+) ")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Method:
     """A row of the demo's table.
 
@@ -26,11 +26,13 @@ class Method:
         name: Its folder.
         label: What the user reads.
         options: Options of the wrapper.
+        recorded: Whether actions and observations of every episode are kept, for the picture and the video.
     """
 
     name: str
     label: str
     options: Sequence[str] = ()
+    recorded: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class Result:
     Attributes:
         method: What ran.
         successes: Per episode.
-        actions: Per episode, executed actions (L, 2), metres.
-        set_points_and_tips: Per episode, what was observed before each of them, (L, 4), metres.
+        actions: Per recorded episode, executed actions (L, 2), metres.
+        set_points_and_tips: Per recorded episode, what was observed before each of them, (L, 4), metres.
         chunks: Lines of the wrapper's log; none for the raw agent.
     """
 
@@ -82,13 +84,11 @@ class Result:
 
 
 def evaluation(setting: Setting, method: Method) -> Job:
-    """The run of a method. What an earlier one left in its folder is removed.
-
-    All episodes run in one batch and are recorded as datasets, instead of some of them as videos: actions and
-    observations of every episode are what the picture and the video are made from.
-    """
+    """The run of a method, all episodes in one batch. What an earlier one left in its folder is removed."""
     folder = setting.folder / method.name
     shutil.rmtree(folder, ignore_errors=True)
+    # Unless it records, lerobot-eval draws ten videos: small ones, since nobody looks at them.
+    kept = "--eval.recording=true" if method.recorded else "--env.image_size=64"
     command = [
         console_script("lerobot-eval"),
         f"--policy.path={setting.agent}",
@@ -102,7 +102,7 @@ def evaluation(setting: Setting, method: Method) -> Job:
         f"--eval.n_episodes={setting.episodes}",
         f"--eval.batch_size={setting.episodes}",
         "--eval.use_async_envs=false",
-        "--eval.recording=true",
+        kept,
         f"--seed={setting.seed}",
         f"--output_dir={folder}",
     ]
@@ -128,7 +128,7 @@ def read(setting: Setting, method: Method) -> Result:
     (task,) = info["per_task"]
     successes = [bool(success) for success in task["metrics"]["successes"]]
     actions, observed = [], []
-    for episode in range(setting.episodes):
+    for episode in range(setting.episodes) if method.recorded else ():
         # LeRobot numbers the datasets of a batch by environment, and writes no number for a batch of one.
         part = f"env_{episode}" if setting.episodes > 1 else ""
         (file,) = (folder / "recordings").glob(f"*/{part}/data/*/*.parquet")

@@ -30,7 +30,7 @@ def draw(panels: Mapping[str, Sequence[Path2d]], title: str) -> Figure:
     figure = Figure(figsize=(width, height), dpi=150)
     axes = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)[0]
     figure.subplots_adjust(
-        left=0.7 / width, right=1 - 0.1 / width, top=1 - 1.0 / height, bottom=1.0 / height, wspace=0.04
+        left=0.7 / width, right=1 - 0.25 / width, top=1 - 1.0 / height, bottom=1.0 / height, wspace=0.04
     )
     for panel, (label, paths) in zip(axes, panels.items(), strict=True):
         reached = sum(not path.failure for path in paths)
@@ -57,7 +57,7 @@ def _scene(panel: Axes) -> None:
     panel.axvline(GOAL_Y, color="#2f9e44", lw=4, zorder=1)
     panel.plot(START[1], START[0], "o", ms=9, color=INK, zorder=7)
     halo = [withStroke(linewidth=4, foreground="white")]
-    for word, (x, y), colour in (("goal", (0.235, GOAL_Y - 0.012), "#2f9e44"), ("start", (0.49, START[1]), INK)):
+    for word, (x, y), colour in (("goal", (0.235, GOAL_Y - 0.012), "#2f9e44"), ("start", (0.475, START[1]), INK)):
         side = "right" if word == "goal" else "center"
         panel.text(
             y, x, word, color=colour, fontsize=13, weight="bold", ha=side, va="center", path_effects=halo, zorder=8

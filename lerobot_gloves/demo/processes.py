@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,7 +51,13 @@ def clock(seconds: float) -> str:
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
 
 
-def run(jobs: Sequence[Job], *, began: float, width: int = 2) -> None:
+def run(jobs: Sequence[Job], *, began: float) -> None:
+    """Run commands to their end, as `ended` does."""
+    for _ in ended(jobs, began=began):
+        pass
+
+
+def ended(jobs: Sequence[Job], *, began: float, width: int = 2) -> Generator[Job]:
     """Run commands, at most `width` at a time, and say how far they are.
 
     A command takes one thread, asks nothing of the Hub, and ends when this process does.
@@ -60,6 +66,9 @@ def run(jobs: Sequence[Job], *, began: float, width: int = 2) -> None:
         jobs: The commands, started in this order.
         began: When the demo began (`time.monotonic`), for the elapsed time.
         width: How many run side by side.
+
+    Yields:
+        Each command when it has ended.
 
     Raises:
         ChildProcessError: If one fails. Its last lines are on standard error; the others have been ended.
@@ -78,9 +87,9 @@ def run(jobs: Sequence[Job], *, began: float, width: int = 2) -> None:
                 if process.returncode != 0:
                     raise _failure(job, process.returncode)
                 _show("")
-                print(
-                    f"[{clock(time.monotonic() - began)}] {job.label}: {clock(time.monotonic() - started)}", flush=True
-                )
+                now = time.monotonic()
+                print(f"[{clock(now - began)}] {job.label}: {clock(now - started)}", flush=True)
+                yield job
             _show(f"[{clock(time.monotonic() - began)}] " + " | ".join(map(_status, running)))
     finally:
         _show("")

@@ -12,6 +12,12 @@ from lerobot_gloves.tasks.slalom.scene import MODES
 PICTURE, VIDEO = "paths.png", "side_by_side.mp4"
 
 
+def show(setting: Setting, raw: Result, corrected: Result, folder: Path) -> str:
+    """Draw the picture and the video into a folder; returns what the video shows."""
+    draw_paths(setting, raw, corrected, folder / PICTURE)
+    return write_video(setting, raw, corrected, folder / VIDEO)
+
+
 def draw_paths(setting: Setting, raw: Result, corrected: Result, file: Path) -> None:
     """The picture of all episodes of two runs."""
     panels = {

@@ -11,7 +11,7 @@ from lerobot_gloves.demo.evaluation import CHUNK_LOG, Method, Result, Setting
 from lerobot_gloves.tasks.slalom.environment import Slalom
 from lerobot_gloves.tasks.slalom.expert import SlalomExpert
 
-RAW, CORRECTED = Method("raw", "raw agent"), Method("feeg_gate", "FEEG + gate")
+RAW, CORRECTED = Method("raw", "raw agent", recorded=True), Method("feeg_gate", "FEEG + gate", recorded=True)
 
 
 def setting(folder: Path, episodes: int = 2) -> Setting:

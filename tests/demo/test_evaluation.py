@@ -55,6 +55,15 @@ def test_the_raw_agent_has_no_chunk_log(tmp_path):
     assert found.intervention_rate is None and found.distance is None
 
 
+def test_only_some_runs_are_recorded(tmp_path):
+    assert "--eval.recording=true" in evaluation(setting(tmp_path), RAW).command
+    brief = Method("feeg", "FEEG")
+    assert not any("recording" in option for option in evaluation(setting(tmp_path), brief).command)
+    leave(played(RAW, [10000, 10001]), tmp_path / "feeg")
+    found = read(setting(tmp_path), brief)
+    assert found.successes == [True, True] and found.actions == [] == found.set_points_and_tips
+
+
 def test_progress_is_found_in_what_lerobot_prints():
     line = (
         "Stepping through eval batches:   0%|          | 0/1 [00:00<?, ?it/s]\x1b[A\n"
