@@ -6,22 +6,27 @@ from typing import Any
 import numpy as np
 
 from lerobot_gloves.tasks.slalom.environment import MAX_DELTA
-from lerobot_gloves.tasks.slalom.scene import ROW_Y, START, nearest_pillar, parse_mode
+from lerobot_gloves.tasks.slalom.scene import GAPS, GOAL_Y, START, nearest_pillar, parse_mode
 
 GAP_CENTRES = ((0.425, 0.575), (0.35, 0.5, 0.65), (0.275, 0.425, 0.575, 0.725))
 """Where each gap of each row is passed on average, metres."""
 
+AISLE_Y = (-0.215, -0.01, 0.17)
+"""Where the expert moves sideways on average, before each row, metres."""
 
-LOOKAHEAD = 0.035
-"""How far ahead on its path the expert aims, metres along y."""
+SPACING = 0.002
+"""Distance of the points that make up a path, metres."""
+
+LOOKAHEAD = 10
+"""How many points ahead on its path the expert aims."""
 
 
 class SlalomExpert:
-    """Follows a smooth path through a corridor, and steers back to it whenever it is off it.
+    """Moves sideways in the aisle before each row until it faces its gap, passes the gap, and so on.
 
-    What differs between episodes: where each gap is passed, how the path bends between the rows, the speed and how
-    it drifts. The path is a function x(y), so an action depends only on where the set-point is and on the episode's
-    own draws.
+    What differs between episodes: where each aisle and each gap is passed, the speed and how it drifts; and in every
+    aisle the expert may first set out for another gap and then change its mind, so that the data show the way to
+    any gap from anywhere in the aisle. Off its path it steers back to it.
 
     While it demonstrates, the robot is jostled: it drifts sideways, slowly now one way and now the other, and in half
     of the episodes it jitters. What is recorded is what the expert wanted to do, so that the data show the way back
@@ -44,16 +49,21 @@ class SlalomExpert:
             ValueError: If there is no such corridor.
         """
         rng = self._rng
-        centres = [GAP_CENTRES[row][gap] for row, gap in enumerate(parse_mode(mode))]
-        row_x = np.array(centres) + rng.uniform(-0.0125, 0.0125, 3)
-        offsets = np.diff(row_x, prepend=START[0])
-        # Between two rows the path changes x only from `begin` to `end`: a wide bend keeps clear of both rows.
-        margins = rng.uniform(0.01, 0.03, (2, 3)) + 0.05 * np.abs(offsets)
-        begin, end = np.array([START[1], *ROW_Y[:2]]) + margins[0], np.array(ROW_Y) - margins[1]
-        self._bends = np.stack([begin, end, offsets])
-        self._speed = rng.uniform(0.005, 0.006)
+        x, corners = START[0], [START]
+        for row, gap in enumerate(parse_mode(mode)):
+            y = AISLE_Y[row] + rng.uniform(-0.008, 0.008)
+            corners.append(np.array([x, y]))
+            if rng.random() < 0.3:
+                other = GAP_CENTRES[row][rng.integers(GAPS[row])]
+                corners.append(np.array([x + rng.uniform(0.2, 1.0) * (other - x), y]))
+            x = GAP_CENTRES[row][gap] + rng.uniform(-0.01, 0.01)
+            corners.append(np.array([x, y]))
+        corners.append(np.array([x, GOAL_Y + 0.1]))
+        self._path = np.concatenate([_points(*leg) for leg in zip(corners[:-1], corners[1:], strict=True)])
+        self._passed = 0  # points of the path
+        self._speed = rng.uniform(0.0065, 0.0072)
         self._haste = 0.0  # logarithm of the speed's drift
-        self._sideways = 0.0  # what carries the robot off, metres a step
+        self._sideways = np.zeros(2)  # what carries the robot off, metres a step
         self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.0005, 0.002)  # metres a step and axis
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
@@ -66,12 +76,14 @@ class SlalomExpert:
             (2,) float32 (dx, dy) in metres.
         """
         set_point = np.asarray(observation["agent_pos"][:2], dtype=np.float64)
-        x, y = set_point
-        direction = np.array([self._path(y + LOOKAHEAD) - x, LOOKAHEAD])
-        direction /= np.linalg.norm(direction)
+        # Only a stretch ahead is searched: where the expert changed its mind, the path meets itself.
+        stretch = self._path[self._passed : self._passed + 15]
+        self._passed += int(np.linalg.norm(stretch - set_point, axis=1).argmin())
+        aim = self._path[min(self._passed + LOOKAHEAD, len(self._path) - 1)] - set_point
+        direction = aim / max(float(np.linalg.norm(aim)), SPACING)
 
         rng = self._rng
-        self._haste += -self._haste / 25 + 0.02 * rng.standard_normal()
+        self._haste += -self._haste / 25 + 0.01 * rng.standard_normal()
         action = self._speed * np.exp(self._haste) * direction
         room, away = nearest_pillar(set_point)
         care = np.clip((0.03 - room) / 0.015, 0.0, 1.0)  # within 15 mm of a pillar, only along it or away from it
@@ -80,12 +92,13 @@ class SlalomExpert:
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (2,) while it is jostled, (2,) float32 in metres."""
-        self._sideways += -self._sideways / 40 + 0.00035 * self._rng.standard_normal()
-        disturbed = action + self._jitter * self._rng.standard_normal(2) + [self._sideways, 0.0]
+        rng = self._rng
+        self._sideways += -self._sideways / 30 + 0.0003 * rng.standard_normal(2)
+        disturbed = action + self._jitter * rng.standard_normal(2) + self._sideways
         return np.clip(disturbed, -MAX_DELTA, MAX_DELTA).astype(np.float32)
 
-    def _path(self, y: float) -> float:
-        """Where the episode's path lies at y: its x in metres."""
-        begin, end, offset = self._bends
-        share = np.clip((y - begin) / (end - begin), 0.0, 1.0)
-        return float(START[0] + (offset * share**2 * (3 - 2 * share)).sum())
+
+def _points(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Points (n, 2) every `SPACING` from `begin` up to `end`, which is left to the next leg."""
+    n = max(1, round(float(np.linalg.norm(end - begin)) / SPACING))
+    return begin + (end - begin) * np.arange(n)[:, None] / n

@@ -1,4 +1,7 @@
-"""Training and sampling shared by the policies that are flows."""
+"""Training and sampling shared by the policies that are flows.
+
+The baselines, which are diffusion and consistency models of the same network, bring a loss and a sampler of their own.
+"""
 
 import logging
 from collections import deque
@@ -133,9 +136,17 @@ class FlowPolicy(PreTrainedPolicy):
             reduction: "mean", or "none" for one loss per item.
         """
         mask = ~batch["action_is_pad"] if "action_is_pad" in batch else None
-        velocity = (self.network if self.training else self.ema.module).bind(batch)
-        loss = flow_matching_loss(velocity, batch["action"], mask=mask, samples=self.config.samples_per_item)
+        network = self.network if self.training else self.ema.module
+        loss = self.loss(network.bind(batch), batch["action"], mask)
         return (loss.mean() if reduction == "mean" else loss), {}
+
+    def loss(self, network: BoundVelocity, action: Tensor, mask: Tensor | None) -> Tensor:
+        """Training loss (B,) of normalised chunks (B, T, A), whose valid actions `mask` (B, T) marks."""
+        return flow_matching_loss(network, action, mask=mask, samples=self.config.samples_per_item)
+
+    def sample(self, network: BoundVelocity, noise: Tensor) -> Tensor:
+        """Normalised chunks (B, T, A) from noise of that shape."""
+        return integrate(network, noise, steps=self.config.num_inference_steps)
 
     def velocity(self, batch: Mapping[str, Tensor]) -> BoundVelocity:
         """The averaged network's velocity field, bound to the contexts of normalised observations."""
@@ -156,7 +167,7 @@ class FlowPolicy(PreTrainedPolicy):
             self._generators = spawn(self.config.seed, batch_size, first_episode=self._episodes.first, stream=self.name)
         shape = (batch_size, self.config.chunk_size, self.config.action_feature.shape[0])
         noise = randn(shape, self._generators, like=velocity.context[0][0])
-        return integrate(velocity, noise, steps=self.config.num_inference_steps)
+        return self.sample(velocity, noise)
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Tensor], **_: object) -> Tensor:
