@@ -28,7 +28,7 @@ class SlalomExpert:
     aisle the expert may first set out for another gap and then change its mind, so that the data show the way to
     any gap from anywhere in the aisle. Off its path it steers back to it.
 
-    While it demonstrates, the robot is jostled: it drifts sideways, slowly now one way and now the other, and in half
+    While it demonstrates, the robot is jostled: it drifts, slowly now one way and now another, and in half
     of the episodes it jitters. What is recorded is what the expert wanted to do, so that the data show the way back
     and not the push (as in DART, Laskey et al. 2017).
 

@@ -35,7 +35,7 @@ class FlowConfig(PreTrainedConfig):
     # torchvision weights that the image encoders start from; null for none.
     pretrained_backbone_weights: str | None = "ResNet18_Weights.IMAGENET1K_V1"
 
-    # Probability p_cfg of training without the context (with a goal: without the goal).
+    # Probability p_cfg of training without the context (with a goal or a label: without that).
     context_dropout: float = 0.2
     # Probability p_vd of training without one of the views.
     visual_dropout: float = 0.1
@@ -89,6 +89,12 @@ class FlowConfig(PreTrainedConfig):
     def goal(self) -> str | None:
         """Observation key of the goal that the flow reads; None for a flow that knows of none."""
         return None
+
+    @property
+    def condition(self) -> tuple[str, int] | None:
+        """Key and size of the vector that is a token of its own and is dropped alone: the goal, if the flow reads one."""
+        features = self.input_features or {}
+        return (self.goal, features[self.goal].shape[0]) if self.goal is not None else None
 
     @property
     def state_features(self) -> dict[str, int]:

@@ -12,6 +12,7 @@ import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
 from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
@@ -46,7 +47,7 @@ class FlowPolicy(PreTrainedPolicy):
             config.action_feature.shape[0],
             states=config.state_features,
             cameras=sorted(config.image_features),
-            goal=(config.goal, config.input_features[config.goal].shape[0]) if config.goal else None,
+            goal=config.condition,
             context_dim=config.context_dim,
             context_dropout=config.context_dropout,
             visual_dropout=config.visual_dropout,
@@ -103,7 +104,8 @@ class FlowPolicy(PreTrainedPolicy):
                 f"and {len(found - expected)} are foreign, such as {min(found ^ expected)!r}"
             )
         try:
-            super()._load_as_safetensor(model, model_file, map_location, strict=False)
+            # Not LeRobot's loader, which would warn of the raw weights that a checkpoint may do without.
+            model.load_state_dict(load_file(model_file, device=map_location), strict=False)
         except RuntimeError as error:
             mismatch = str(error).strip().splitlines()[-1].strip()
             raise ValueError(f"{Path(model_file)} holds weights of another size: {mismatch}") from error
