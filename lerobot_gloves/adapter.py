@@ -29,7 +29,7 @@ class BoundAdapter(Protocol):
     def score(self, chunk: Tensor, score: Any, length: int | None = None) -> Tensor:
         """Nonconformity of chunks (B, T, A), of whose actions the first `length` count: scores (B,).
 
-        `score` is an instance of one of the adapter's `scores`.
+        `score` is an instance of one of the adapter's `scores`; an adapter without any is never asked.
         """
         ...
 
@@ -46,7 +46,8 @@ class BoundAdapter(Protocol):
         """Move proposals (B, T, A), of whose actions the first `length` count, towards the expert's: (B, T, A).
 
         `editor` is an instance of one of the adapter's `editors`. `score` and `threshold` (the largest score that the
-        gate admits, None without a calibration) are for the editors that search by score.
+        gate admits, None without a calibration) are for the editors that search by score; `score` is None if the
+        adapter has none.
         """
         ...
 
@@ -58,8 +59,10 @@ class Adapter(Protocol):
     Chunks are normalised by the adapter's own processors, T is its `config.chunk_size`.
 
     Attributes:
-        editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers.
-        scores: Its nonconformity scores by the name that `--policy.score` gives, likewise.
+        editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers. The first
+            is the default.
+        scores: Its nonconformity scores by the name that `--policy.score` gives, likewise. An adapter without scores
+            edits every proposal: it has no gate.
     """
 
     editors: Mapping[str, type]

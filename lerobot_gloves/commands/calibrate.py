@@ -15,6 +15,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset, LeRobotDatasetMetad
 from lerobot.policies import make_policy, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import PolicyProcessorPipeline
+from lerobot.utils.constants import ACTION
 from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
 from torch import Tensor
@@ -24,6 +25,7 @@ from tqdm import tqdm
 from lerobot_gloves.adapter import Adapter, pad
 from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration, weights_hash
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.sources import SOURCES, source_of
 from lerobot_gloves.specification import parse, specification
 
 
@@ -35,7 +37,7 @@ class CalibrateConfig:
     """
 
     # The expert's episodes; --dataset.episodes picks some. By default, of the dataset that the adapter was trained on,
-    # the episodes that --dataset.eval_split held out of training, and of another dataset all.
+    # the episodes that --dataset.eval_split held out of training, and of another dataset all. An agent's are left out.
     dataset: DatasetConfig
     # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
     policy: PreTrainedConfig | None = None
@@ -73,7 +75,7 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     assert cfg.policy is not None
     path = str(cfg.policy.pretrained_path)
     meta = LeRobotDatasetMetadata(cfg.dataset.repo_id, root=cfg.dataset.root, revision=cfg.dataset.revision)
-    episodes = held_out_episodes(cfg, meta)
+    episodes = expert_episodes(held_out_episodes(cfg, meta), meta)
     adapter = make_policy(cfg.policy, ds_meta=meta).eval().requires_grad_(False)
     weights = weights_hash(adapter.state_dict())
     preprocess, _ = make_pre_post_processors(
@@ -85,7 +87,11 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         cfg.dataset.repo_id,
         root=cfg.dataset.root,
         episodes=episodes,
-        delta_timestamps=resolve_delta_timestamps(cfg.policy, meta),
+        # Of actions the chunk that begins here, whatever window the adapter was trained on.
+        delta_timestamps={
+            **(resolve_delta_timestamps(cfg.policy, meta) or {}),
+            ACTION: [index / meta.fps for index in range(cfg.policy.chunk_size)],
+        },
         revision=cfg.dataset.revision,
         video_backend=cfg.dataset.video_backend,
     )
@@ -132,6 +138,19 @@ def held_out_episodes(cfg: CalibrateConfig, meta: LeRobotDatasetMetadata) -> lis
             "lerobot-train holds some out with --dataset.eval_split=0.1"
         )
     return chosen
+
+
+def expert_episodes(episodes: Sequence[int], meta: LeRobotDatasetMetadata) -> list[int]:
+    """Those of the episodes that no agent made (see `lerobot_gloves.sources`).
+
+    Raises:
+        ValueError: If none is left.
+    """
+    tasks = meta.episodes["tasks"]
+    experts = [episode for episode in episodes if source_of(tasks[episode][0])[0] == SOURCES[0]]
+    if not experts:
+        raise ValueError(f"all {len(episodes)} episodes are an agent's: calibrate on the expert's")
+    return experts
 
 
 @torch.no_grad()

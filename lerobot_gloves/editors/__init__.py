@@ -2,5 +2,6 @@
 
 from lerobot_gloves.editors.feeg import FEEG
 from lerobot_gloves.editors.fpas import FPAS
+from lerobot_gloves.editors.ifae import IFAE
 
-__all__ = ["FEEG", "FPAS"]
+__all__ = ["FEEG", "FPAS", "IFAE"]

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
+from lerobot_gloves.flow import VelocityField
 from lerobot_gloves.networks.dit import DiT, KeyValues
 from lerobot_gloves.networks.encoders import ImageEncoder, StateEncoder
 
@@ -15,13 +16,13 @@ class VelocityNetwork(nn.Module):
     The context is one token for the concatenated state vectors, one for the goal, which is read together with them
     since what it asks for depends on where the robot is, and a grid of tokens for each camera, whose encoders share
     no weights. What is dropped, the goal or in a network without one the whole context, becomes a learned null token
-    (classifier-free guidance).
+    (classifier-free guidance). For an align flow, what is asked for is a source, and its label takes the goal's place.
 
     Args:
         action_dim: A.
         states: Observation keys of the state vectors and their sizes.
         cameras: Observation keys of the images.
-        goal: Observation key of the goal and its size, None without.
+        goal: Key of the goal's vector, or the label's, and its size; None without.
         context_dim: Width of a context token, d_c.
         context_dropout: Probability p_cfg that training drops an item's context (or goal).
         visual_dropout: Probability p_vd that training drops one whole view of an item.
@@ -54,39 +55,46 @@ class VelocityNetwork(nn.Module):
         self.null = nn.Parameter(torch.zeros(1, 1, context_dim))
         self.dit = DiT(action_dim, context_dim, **dit)  # type: ignore[arg-type]
 
-    def encode(self, observation: Mapping[str, Tensor]) -> tuple[Tensor, Tensor | None]:
-        """Context tokens (B, S, d_c) and, if there is one, the goal's token (B, 1, d_c)."""
-        vectors, tokens, goal = [observation[key] for key in self.states], [], None
+    def encode(self, observation: Mapping[str, Tensor]) -> Tensor:
+        """Tokens (B, S, d_c) of states and images, all of the context but the goal."""
+        tokens = []
         if self.state_encoder is not None:
-            tokens.append(self.state_encoder(torch.cat(vectors, dim=-1)))
-        if self.goal_encoder is not None and self.goal is not None:
-            goal = self.goal_encoder(torch.cat([observation[self.goal], *vectors], dim=-1))
+            tokens.append(self.state_encoder(torch.cat(self._vectors(observation), dim=-1)))
         for key, encoder in zip(self.cameras, self.image_encoders, strict=True):
             view = encoder(observation[key])
             tokens.append(view * self._keeps(view, self.visual_dropout))
-        return torch.cat(tokens, dim=1), goal
+        return torch.cat(tokens, dim=1)
 
-    def bind(self, observation: Mapping[str, Tensor], guidance: float = 1.0) -> "BoundVelocity":
+    def bind(
+        self, observation: Mapping[str, Tensor], guidance: float = 1.0, tokens: Tensor | None = None
+    ) -> "BoundVelocity":
         """Encode the context of B observations and project its keys and values, once.
 
         Args:
-            observation: Normalised observations, (B, S) a state vector, (B, 3, H, W) an image.
+            observation: Normalised observations, (B, S) a state vector or a goal, (B, 3, H, W) an image.
             guidance: Weight of the context (of the goal, where there is one) against the null: 1 is the plain
                 conditional field, more exaggerates the context.
+            tokens: What `encode` returned for these observations, so that a second goal costs no second look at them.
 
         Returns:
             The velocity field of these contexts.
         """
-        context, goal = self.encode(observation)
-        null = self.null.expand_as(context if goal is None else goal)
-        conditional = context if goal is None else goal
+        context = self.encode(observation) if tokens is None else tokens
+        conditional, kept = context, []
+        if self.goal_encoder is not None and self.goal is not None:
+            told = torch.cat([observation[self.goal], *self._vectors(observation)], dim=-1)
+            conditional, kept = self.goal_encoder(told), [context]
+        null = self.null.expand_as(conditional)
         keep = self._keeps(conditional, self.context_dropout)
         conditional = torch.where(keep.bool(), conditional, null)
 
         def project(token: Tensor) -> KeyValues:
-            return self.dit.project(token if goal is None else torch.cat([context, token], dim=1))
+            return self.dit.project(torch.cat([*kept, token], dim=1))
 
         return BoundVelocity(self.dit, project(conditional), None if guidance == 1.0 else project(null), guidance)
+
+    def _vectors(self, observation: Mapping[str, Tensor]) -> list[Tensor]:
+        return [observation[key] for key in self.states]
 
     def _keeps(self, tokens: Tensor, dropout: float) -> Tensor:
         """1 where an item's tokens are kept, 0 where training drops them, shape (B, 1, 1)."""
@@ -99,20 +107,28 @@ class BoundVelocity:
     """The velocity field of B contexts: `velocity(x, t)` with x (n * B, T, A), t (n * B,).
 
     Attributes:
-        evaluations: Evaluations per context so far; with guidance each call makes two.
+        evaluations: Evaluations per context so far; with guidance each call makes two. Those of a stack count for each
+            of the fields in it.
     """
 
-    def __init__(self, dit: DiT, context: KeyValues, null: KeyValues | None = None, guidance: float = 1.0):
-        self.dit, self.context, self.null, self.guidance = dit, context, null, guidance
+    def __init__(
+        self,
+        dit: DiT,
+        context: KeyValues,
+        null: KeyValues | None = None,
+        guidance: float = 1.0,
+        parts: Sequence["BoundVelocity"] = (),
+    ):
+        self.dit, self.context, self.null, self.guidance, self.parts = dit, context, null, guidance, parts
         self.evaluations = 0
 
     def __call__(self, x: Tensor, t: Tensor) -> Tensor:
         contexts = self.context[0][0].shape[0]
-        self.evaluations += x.shape[0] // contexts * (1 if self.null is None else 2)
+        for field in (self, *self.parts):
+            field.evaluations += x.shape[0] // contexts * (1 if self.null is None else 2)
         if self.null is None:
             return self.dit(x, t, self.context)
-        pairs = zip(self.context, self.null, strict=True)
-        both = [(torch.cat([c[0], n[0]]), torch.cat([c[1], n[1]])) for c, n in pairs]
+        both = _concatenate([self.context, self.null])
         conditional, unconditional = self.dit(torch.cat([x, x]), torch.cat([t, t]), both).chunk(2)
         return unconditional + self.guidance * (conditional - unconditional)
 
@@ -124,3 +140,25 @@ class BoundVelocity:
 
         null = None if self.null is None else pick(self.null)
         return BoundVelocity(self.dit, pick(self.context), null, self.guidance)
+
+    def stack(self, others: Sequence[VelocityField]) -> "BoundVelocity | None":
+        """One field of this one's contexts and those of `others`, in that order; None if it takes two networks.
+
+        Such fields are evaluated by one call: IFAE's agent and expert flow are two labels of one network.
+        """
+        fields = [self]
+        for other in others:
+            if not isinstance(other, BoundVelocity) or other.dit is not self.dit or other.guidance != self.guidance:
+                return None
+            fields.append(other)
+        nulls = [field.null for field in fields if field.null is not None]
+        null = _concatenate(nulls) if nulls else None
+        return BoundVelocity(self.dit, _concatenate([f.context for f in fields]), null, self.guidance, fields)
+
+
+def _concatenate(contexts: Sequence[KeyValues]) -> KeyValues:
+    """Keys and values of all contexts, one after another, for every block."""
+    return [
+        (torch.cat([key for key, _ in block]), torch.cat([value for _, value in block]))
+        for block in zip(*contexts, strict=True)
+    ]

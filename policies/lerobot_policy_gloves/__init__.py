@@ -4,12 +4,15 @@ LeRobot's commands import it by themselves, because the distribution's name begi
 """
 
 import lerobot_gloves.tasks  # noqa: F401
+import lerobot_policy_csa_assist  # noqa: F401
+import lerobot_policy_ddpm_assist  # noqa: F401
 
 from .gloves.configuration_gloves import GlovesConfig
 from .gloves.seam import install
+from .gloves_align_flow.configuration_gloves_align_flow import GlovesAlignFlowConfig
 from .gloves_expert_flow.configuration_gloves_expert_flow import GlovesExpertFlowConfig
 from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfig
 
 install()
 
-__all__ = ["GlovesConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]
+__all__ = ["GlovesAlignFlowConfig", "GlovesConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]

@@ -41,9 +41,9 @@ def noisy(rows: int = B):
 
 def test_states_are_one_token_the_goal_one_and_every_view_a_grid():
     network = make_network(CAMERAS, GOAL)
-    context, goal = network.encode(observe(CAMERAS, GOAL))
-    assert context.shape == (B, 1 + 2 * (2 * 2), 8)
-    assert goal.shape == (B, 1, 8)
+    assert network.encode(observe(CAMERAS, GOAL)).shape == (B, 1 + 2 * (2 * 2), 8)
+    heads, keys = 2, 1 + 2 * (2 * 2) + 1
+    assert network.bind(observe(CAMERAS, GOAL)).context[0][0].shape == (B, heads, keys, 16 // heads)
 
 
 def test_every_observation_matters_and_the_views_are_not_interchangeable():
@@ -124,6 +124,43 @@ def test_selected_contexts_are_those_rows():
         torch.testing.assert_close(velocity.select(rows)(x[rows], t[rows]), velocity(x, t)[rows])
 
 
+def test_another_goal_of_the_same_observations_encodes_them_no_second_time():
+    network = make_network(CAMERAS, GOAL)
+    observation, (x, t) = observe(CAMERAS, GOAL), noisy()
+    other = {**observation, GOAL[0]: observation[GOAL[0]] + 1}
+    expected = network.bind(other)(x, t)
+    tokens, calls = network.encode(observation), []
+    for encoder in (network.state_encoder, *network.image_encoders):
+        encoder.register_forward_hook(lambda *_: calls.append(1))
+    torch.testing.assert_close(network.bind(other, tokens=tokens)(x, t), expected, rtol=0, atol=0)
+    assert not calls
+
+
+@pytest.mark.parametrize("guidance", [1.0, 2.5])
+def test_fields_of_one_network_are_evaluated_by_one_call(guidance):
+    network = make_network(goal=GOAL)
+    observation, (x, t) = observe(goal=GOAL), noisy()
+    one = network.bind(observation, guidance)
+    other = network.bind({**observation, GOAL[0]: observation[GOAL[0]] + 1}, guidance)
+    expected = torch.cat([one(x, t), other(x + 1, t), one(x - 1, t)])
+    one.evaluations = other.evaluations = 0
+    calls = []
+    network.dit.register_forward_hook(lambda *_: calls.append(1))
+    stacked = one.stack([other, one])(torch.cat([x, x + 1, x - 1]), t.repeat(3))
+    torch.testing.assert_close(stacked, expected)
+    assert len(calls) == 1
+    per_call = 1 if guidance == 1.0 else 2
+    assert (one.evaluations, other.evaluations) == (2 * per_call, per_call)
+
+
+def test_fields_that_take_two_networks_or_two_guidances_are_not_stacked():
+    network, other = make_network(), make_network()
+    field = network.bind(observe())
+    assert field.stack([other.bind(observe())]) is None
+    assert field.stack([network.bind(observe(), guidance=2.0)]) is None
+    assert field.stack([lambda x, t: x]) is None
+
+
 def test_training_drops_whole_views_at_the_rate_asked_for():
     network = make_network(CAMERAS, context_dropout=0.0, visual_dropout=0.3)
     network.image_encoders = nn.ModuleList([nn.Identity(), nn.Identity()])  # the "images" are tokens already
@@ -131,8 +168,8 @@ def test_training_drops_whole_views_at_the_rate_asked_for():
     observation = observe(rows=rows) | {camera: torch.randn(rows, 4, 8) for camera in CAMERAS}
     torch.manual_seed(0)
     with torch.no_grad():
-        tokens, _ = network.train().encode(observation)
-        kept, _ = network.eval().encode(observation)
+        tokens = network.train().encode(observation)
+        kept = network.eval().encode(observation)
     views, reference = tokens[:, 1:].view(rows, 2, 4, -1), kept[:, 1:].view(rows, 2, 4, -1)
     dropped = (views == 0).all(dim=(2, 3))
     assert torch.equal(views[~dropped], reference[~dropped])  # whole or not at all

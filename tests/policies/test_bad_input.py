@@ -20,7 +20,7 @@ def one_line(error) -> str:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "fegg"}, "unknown method 'fegg': choose from feeg, fpas, none"),
+        ({"method": "fegg"}, "unknown method 'fegg': choose from feeg, fpas, ifae, none"),
         ({"method": "feeg:begin=1"}, "method 'feeg' has no option 'begin': choose from start, steps, align"),
         ({"score": "revers"}, "unknown score 'revers': choose from reverse"),
         ({"gate": True, "alpha": 1.5}, "alpha is 1.5, but must lie in [0, 1]"),

@@ -70,7 +70,7 @@ def test_without_a_gate_every_proposal_is_edited_as_the_editor_says(agent, adapt
     for row in range(3):
         generator = spawn(5, 1, first_episode=row, stream="editor")
         alone = bound.select(torch.arange(3) == row)
-        edited = FEEG(start=0.3, steps=4)(chunk[row : row + 1], alone.velocity, generator=generator)
+        edited = FEEG(start=0.3, steps=4)(chunk[row : row + 1], alone.expert, generator=generator)
         torch.testing.assert_close(executed[row : row + 1], postprocess(edited)[:, :4], rtol=1e-4, atol=1e-7)
     assert (executed != proposal).all()
 
@@ -105,7 +105,7 @@ def test_the_gate_admits_bit_for_bit_and_edits_the_rest(folder, agent, adapter):
     # An edited row is what it would have been alone.
     row = int(turned_away.nonzero()[0])
     generator = spawn(0, 1, first_episode=row, stream="editor")
-    alone = FEEG(steps=3)(chunk[row : row + 1], bound.select(torch.arange(4) == row).velocity, generator=generator)
+    alone = FEEG(steps=3)(chunk[row : row + 1], bound.select(torch.arange(4) == row).expert, generator=generator)
     torch.testing.assert_close(executed[row : row + 1], postprocess(alone)[:, :4], rtol=1e-4, atol=1e-7)
 
 
@@ -124,7 +124,7 @@ def test_fpas_searches_below_the_gates_threshold(folder, agent):
         return ReverseScore()(velocity, candidate, length=4)
 
     editor = FPAS(iterations=3, sigma=0.5)
-    edited = editor(chunk, bound.velocity, score, 0.25, generator=spawn(0, 2, stream="editor"))
+    edited = editor(chunk, bound.expert, score, 0.25, generator=spawn(0, 2, stream="editor"))
     torch.testing.assert_close(executed, postprocess(edited)[:, :4], rtol=1e-4, atol=1e-7)
 
 

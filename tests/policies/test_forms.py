@@ -112,7 +112,7 @@ def test_options_may_be_written_with_a_space(checkpoints, parse_eval):
     config = parse_eval(
         "--policy.path", str(checkpoints.agent), "--policy.wrap", "gloves", "--policy.adapter", str(checkpoints.adapter)
     ).policy
-    assert (config.agent, config.adapter, config.method) == (str(checkpoints.agent), str(checkpoints.adapter), "feeg")
+    assert (config.agent, config.adapter) == (str(checkpoints.agent), str(checkpoints.adapter))
 
 
 def test_without_wrap_an_agent_is_itself(checkpoints, parse_eval):

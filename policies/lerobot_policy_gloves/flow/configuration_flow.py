@@ -92,7 +92,7 @@ class FlowConfig(PreTrainedConfig):
 
     @property
     def condition(self) -> tuple[str, int] | None:
-        """Key and size of the vector that is a token of its own and is dropped alone: the goal, if the flow reads one."""
+        """Key and size of the vector that is a token of its own and dropped alone: the goal, if the flow reads one."""
         features = self.input_features or {}
         return (self.goal, features[self.goal].shape[0]) if self.goal is not None else None
 

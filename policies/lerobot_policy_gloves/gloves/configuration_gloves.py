@@ -47,17 +47,19 @@ class GlovesConfig(PreTrainedConfig):
     adapter: str | None = None
     # The adapter's Hub revision.
     adapter_revision: str | None = None
+    # Options for the adapter's configuration, such as '["--agent_source=noised"]'.
+    adapter_overrides: list[str] = field(default_factory=list)
     # Observation keys of the environment to those that the adapter was trained on.
     adapter_rename_map: dict[str, str] = field(default_factory=dict)
-    # The editor and its options, NAME[:KEY=VALUE,...], such as feeg:start=0.4; none edits nothing. By default feeg, and
-    # none without an adapter.
+    # The editor and its options, NAME[:KEY=VALUE,...], such as feeg:start=0.4; none edits nothing. By default the
+    # adapter's first.
     method: str | None = None
     # Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter.
     gate: bool = False
     # The gate's significance level: the share of expert chunks that it would turn away.
     alpha: float = 0.05
-    # The nonconformity score and its options, such as reverse:steps=5.
-    score: str = "reverse:steps=1"
+    # The nonconformity score and its options, such as reverse:steps=5. By default the adapter's first, if it has any.
+    score: str | None = None
     # What is done to the agent's chunks to make it imperfect; null for nothing.
     perturbation: PerturbationConfig | None = None
     # Seed of the perturbation's and the editor's draws; with the episode's number it fixes them.
@@ -69,8 +71,6 @@ class GlovesConfig(PreTrainedConfig):
     def __post_init__(self) -> None:
         if self.adapter is None and (self.gate or self.method not in (None, "none")):
             raise ValueError("gloves: --policy.method and --policy.gate need --policy.adapter, a trained checkpoint")
-        if self.method is None:
-            self.method = "none" if self.adapter is None else "feeg"
         if isinstance(self.perturbation, Perturbation) and not isinstance(self.perturbation, PerturbationConfig):
             # The library's own, from Python: draccus would save it without its name.
             name = next(name for name, choice in PERTURBATIONS.items() if choice is type(self.perturbation))
@@ -114,7 +114,9 @@ class GlovesConfig(PreTrainedConfig):
         pass
 
     def get_optimizer_preset(self) -> Any:
-        raise ValueError("gloves wraps a policy for evaluation; train its adapter, --policy.type=gloves_expert_flow")
+        raise ValueError(
+            "gloves wraps a policy for evaluation; train an adapter, such as --policy.type=gloves_expert_flow"
+        )
 
     def get_scheduler_preset(self) -> None:
         return None

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from lerobot.configs import PreTrainedConfig
@@ -23,7 +24,7 @@ class Correction:
 
     Attributes:
         action: What is to be executed, raw, (B, n, A).
-        score: Nonconformity scores (B,), None if nobody asked for them.
+        score: Nonconformity scores (B,), None if nobody asked for them or the adapter has none.
         p_value: Conformal p-values (B,), None without a gate.
         edited: Whether a proposal was edited, bool (B,).
         distance: Mean Euclidean distance (B,) of executed from proposed actions, in the adapter's normalised units.
@@ -49,7 +50,9 @@ class Corrector:
     """
 
     def __init__(self, config: GlovesConfig):
-        adapter_config = PreTrainedConfig.from_pretrained(config.adapter, revision=config.adapter_revision)
+        adapter_config = PreTrainedConfig.from_pretrained(
+            config.adapter, revision=config.adapter_revision, cli_overrides=list(config.adapter_overrides)
+        )
         adapter_config.pretrained_path = config.adapter
         adapter_config.pretrained_revision = config.adapter_revision
         check_features(config, adapter_config)
@@ -60,16 +63,13 @@ class Corrector:
                 f"{config.adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
-        self.editor = None
-        if config.method != "none":
-            self.editor = parse(config.method, {**self.adapter.editors, "none": object}, "method")
-        self.score = parse(config.score, self.adapter.scores, "score")
+        self.editor, self.score = choose(config, self.adapter)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
         self.gated, self.alpha = config.gate, config.alpha
-        self.scored = config.gate or config.log is not None
-        self.specification = specification(self.score, self.adapter.scores)
+        self.scored = self.score is not None and (config.gate or config.log is not None)
+        self.specification = "" if self.score is None else specification(self.score, self.adapter.scores)
         self.calibration = Calibration.load(config.adapter, config.adapter_revision)
         self._gates: dict[int, ConformalGate] = {}
         if self.calibration is not None:
@@ -144,6 +144,22 @@ class Corrector:
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
+
+
+def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
+    """The editor and the score that a wrapper names, by default the adapter's first ones; None for none.
+
+    Raises:
+        ValueError: If the adapter has them not, or no score where the gate needs one.
+    """
+    method = config.method or next(iter(adapter.editors), "none")
+    editor = None if method == "none" else parse(method, {**adapter.editors, "none": object}, "method")
+    if not adapter.scores and (config.gate or config.score is not None):
+        raise ValueError(
+            f"{config.adapter} scores no proposals, so it has no gate: leave out --policy.gate and --policy.score"
+        )
+    name = config.score or next(iter(adapter.scores), None)
+    return editor, None if name is None else parse(name, adapter.scores, "score")
 
 
 def check_features(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:

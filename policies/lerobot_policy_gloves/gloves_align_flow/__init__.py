@@ -1,0 +1,1 @@
+"""The align flow: expert flow and agent flow in one network, told apart by a label of the source."""
