@@ -1,7 +1,8 @@
-"""`gloves record`: a task's scripted expert, recorded as a LeRobotDataset."""
+"""`gloves record`: a task's scripted expert, or an agent's proposals, recorded as a LeRobotDataset."""
 
 import shlex
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -14,10 +15,12 @@ from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.commands.errors import one_line_errors
-from lerobot_gloves.recording import dataset, demonstrations, staging
+from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 
-RECORDING_SEEDS = 30000
-"""Where the seeds of demonstrations begin; other uses of an environment stay out of 30000-39999."""
+EXPERT_SEEDS, AGENT_SEEDS = 30000, 40000
+"""Where the seeds of demonstrations and of an agent's episodes begin; other uses of an environment stay out of
+30000-49999."""
+MAX_BATCH_SIZE = 100
 
 
 @dataclass
@@ -28,7 +31,7 @@ class RecordedDatasetConfig:
     repo_id: str
     # Its folder; LeRobot's folder for repo_id by default.
     root: Path | None = None
-    # How many demonstrations.
+    # How many episodes.
     num_episodes: int = 400
     # Images as video instead of one by one.
     video: bool = False
@@ -43,14 +46,26 @@ class RecordConfig:
     """Play a task's scripted expert and write its episodes as a LeRobotDataset; run again, it goes on where it stopped.
 
     gloves record --env.type=gloves_slalom --dataset.repo_id=USER/slalom
+
+    With an agent instead, write what it proposes whenever it is queried, perturbed, failed episodes included: what
+    gloves_align_flow learns from, merged with the expert's set by lerobot-edit-dataset --operation.type=merge.
+
+    gloves record --env.type=gloves_slalom --agent=AGENT --perturbation=noised:sigma=0.005
+    --dataset.repo_id=USER/slalom_noised
     """
 
     # The task.
     env: EnvConfig
     # What to write.
     dataset: RecordedDatasetConfig
-    # Seed of the first episode; episode i has seed + i.
-    seed: int = RECORDING_SEEDS
+    # The policy whose proposals are recorded, a checkpoint's folder or Hub id; by default the task's scripted expert.
+    agent: str | None = None
+    # What is done to the agent's chunks: none, or a specification such as "laggy:p=0.2".
+    perturbation: str = "none"
+    # Environments that an agent plays side by side, at most 100. A recording that is killed loses at most one batch.
+    batch_size: int = 30
+    # Seed of the first episode; episode i has seed + i. By default 30000, and 40000 for an agent.
+    seed: int | None = None
     # Processes that record side by side.
     num_workers: int = 1
 
@@ -62,6 +77,20 @@ class RecordConfig:
             raise ValueError(f"dataset.num_episodes must be at least 1, not {self.dataset.num_episodes}")
         if self.num_workers < 1:
             raise ValueError(f"num_workers must be at least 1, not {self.num_workers}")
+        if not 1 <= self.batch_size <= MAX_BATCH_SIZE:
+            raise ValueError(f"batch_size must lie between 1 and {MAX_BATCH_SIZE}, not {self.batch_size}")
+        if self.agent is None and self.perturbation != "none":
+            raise ValueError(f"perturbation {self.perturbation!r} needs --agent: the expert is never perturbed")
+        if self.seed is None:
+            self.seed = EXPERT_SEEDS if self.agent is None else AGENT_SEEDS
+
+    @property
+    def recorded_agent(self) -> agents.Agent | None:
+        """Who is recorded; None for the task's expert."""
+        if self.agent is None:
+            return None
+        size = min(self.batch_size, self.dataset.num_episodes)
+        return agents.Agent(checkpoint=self.agent, perturbation=self.perturbation, batch_size=size)
 
     @property
     def root(self) -> Path:
@@ -77,6 +106,9 @@ class RecordConfig:
                 value = getattr(options, option.name)
                 if option.name not in ("features", "features_map", "root") and value != option.default:
                     words.append(f"--{part}.{option.name}={shlex.quote(str(value))}")
+        if self.agent is not None:
+            words += [f"--agent={shlex.quote(self.agent)}", f"--perturbation={shlex.quote(self.perturbation)}"]
+            words.append(f"--batch_size={self.batch_size}")
         return " ".join([*words, f"--seed={self.seed}"])
 
 
@@ -104,15 +136,14 @@ def record(config: RecordConfig) -> None:
     """Record, assemble and, if asked, push."""
     env_config = demonstrations.check_recordable(config.env)
     folder = staging.staging_folder(config.root)
-    num_episodes = config.dataset.num_episodes
+    num_episodes, agent = config.dataset.num_episodes, config.recorded_agent
     assembled = _is_assembled(config, folder)
-    staging.open_staging(folder, {"env.type": env_config.type, **env_config.gym_kwargs, "seed": config.seed})
+    settings = {"env.type": env_config.type, **env_config.gym_kwargs, "seed": config.seed}
+    staging.open_staging(folder, settings | (agent.settings() if agent else {}))
     if not assembled:
         present = len(staging.staged(folder) & set(range(num_episodes)))
         with tqdm(total=num_episodes, initial=present, desc="recording", unit="episode") as progress:
-            for count in demonstrations.record(
-                env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
-            ):
+            for count in _episodes(config, env_config, folder):
                 progress.update(count - progress.n)
         dataset.assemble(
             env_config,
@@ -122,11 +153,27 @@ def record(config: RecordConfig) -> None:
             num_episodes=num_episodes,
             video=config.dataset.video,
             command=config.command,
+            agent=agent,
         )
-    print(f"{num_episodes} demonstrations: {config.root}")
+    print(f"{num_episodes} {'episodes of the agent' if agent else 'demonstrations'}: {config.root}")
     if config.dataset.push_to_hub:
         print(f"pushed to {dataset.push(config.root, repo_id=config.dataset.repo_id, private=config.dataset.private)}")
     shutil.rmtree(folder)  # last: until then, the same command finishes what is left to do
+
+
+def _episodes(config: RecordConfig, env_config: demonstrations.Recordable, folder: Path) -> Iterator[int]:
+    """Stage what is missing; how many episodes there are, as they become more."""
+    assert config.seed is not None
+    num_episodes, agent = config.dataset.num_episodes, config.recorded_agent
+    if agent is None:
+        return demonstrations.record(
+            env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
+        )
+    # Whatever is wrong with the agent shows here, rather than in every process.
+    agents.load(config.env, agent, config.seed)
+    return agents.record(
+        env_config, agent, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
+    )
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
 """Staged episodes to a LeRobotDataset (v3) with its card, and from there to the Hub."""
 
 import shutil
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from lerobot.datasets import CODEBASE_VERSION, LeRobotDataset, LeRobotDatasetMet
 from tqdm import tqdm
 
 from lerobot_gloves.recording import staging
+from lerobot_gloves.recording.agents import Agent
 from lerobot_gloves.recording.demonstrations import MODE, Recordable
 
 _PACKAGE = Path(__file__).parents[1]
@@ -43,7 +45,15 @@ def dataset_features(env_config: Recordable, *, video: bool) -> dict[str, dict[s
 
 
 def assemble(
-    env_config: Recordable, folder: Path, root: Path, *, repo_id: str, num_episodes: int, video: bool, command: str
+    env_config: Recordable,
+    folder: Path,
+    root: Path,
+    *,
+    repo_id: str,
+    num_episodes: int,
+    video: bool,
+    command: str,
+    agent: Agent | None = None,
 ) -> None:
     """Write the staged episodes as the dataset `root`, which appears at once, whole, when all is written.
 
@@ -55,6 +65,7 @@ def assemble(
         num_episodes: How many episodes, from 0 on, to take.
         video: Images as video instead of one by one.
         command: The command that makes the dataset, for its card.
+        agent: Who was recorded; None for the task's expert.
     """
     disable_progress_bars()  # of each episode's Parquet conversion
     unfinished = folder / "dataset"
@@ -70,28 +81,42 @@ def assemble(
         video_backend="pyav",  # the default looks for torchcodec first, and prints a page when FFmpeg is missing
         image_writer_threads=2 if any(f["dtype"] in ("image", "video") for f in features.values()) else 0,
     )
-    attempts = 0
+    attempts, failures = 0, Counter[str]()
     for index in tqdm(range(num_episodes), desc="assembling", unit="episode"):
         episode = staging.load(folder, index)
         attempts += episode.attempts
-        for step in range(len(episode.frames[MODE])):
-            dataset.add_frame({key: values[step] for key, values in episode.frames.items()} | {"task": episode.task})
+        failures[episode.failure] += 1
+        for row in episode.rows():
+            dataset.add_frame({**row, "task": episode.task})
         dataset.save_episode()
     dataset.finalize()
-    (unfinished / "README.md").write_text(_card(env_config, dataset.meta, attempts - num_episodes, command))
+    name = f"{env_config.type.removeprefix('gloves_')}.md" if agent is None else "agent.md"
+    outcome = (
+        f"Demonstrations that failed and were played anew: {attempts - num_episodes}."
+        if agent is None
+        else _agents_outcome(env_config, agent, failures)
+    )
+    (unfinished / "README.md").write_text(_card(name, dataset.meta, outcome, command))
     unfinished.replace(root)
 
 
-def _card(env_config: Recordable, meta: LeRobotDatasetMetadata, dropped: int, command: str) -> str:
-    """The task's card from `datasets_cards/`, if it has one, and what is particular to this recording."""
-    name = f"{env_config.type.removeprefix('gloves_')}.md"
+def _agents_outcome(env_config: Recordable, agent: Agent, failures: Counter[str]) -> str:
+    failed = ", ".join(f"{kind} {count}" for kind, count in failures.most_common() if kind)
+    return (
+        f"Task: `{env_config.type}`. Agent: `{agent.checkpoint}`. Perturbation: `{agent.perturbation}`.\n"
+        f"Episodes that succeeded: {failures['']} of {failures.total()}{f' (failed: {failed})' if failed else ''}."
+    )
+
+
+def _card(name: str, meta: LeRobotDatasetMetadata, outcome: str, command: str) -> str:
+    """The card of that name from `datasets_cards/`, if there is one, and what is particular to this recording."""
     card = next((folder / name for folder in CARD_FOLDERS if (folder / name).is_file()), None)
     features = "\n".join(f"| `{key}` | {ft['dtype']} | {tuple(ft['shape'])} |" for key, ft in meta.features.items())
     return f"""{card.read_text() if card else CARD_HEAD}
 ## This recording
 
-{meta.total_episodes} episodes, {meta.total_frames} frames at {meta.fps} Hz. Demonstrations that failed and were played
-anew: {dropped}.
+{meta.total_episodes} episodes, {meta.total_frames} frames at {meta.fps} Hz.
+{outcome}
 
 | feature | type | shape |
 |---|---|---|

@@ -1,9 +1,7 @@
 """Plays a task's scripted expert until enough demonstrations are staged."""
 
-import multiprocessing
-import multiprocessing.connection
-import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast, runtime_checkable
 
@@ -15,6 +13,7 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES
 
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.staging import Episode
+from lerobot_gloves.recording.workers import stage_all
 
 MAX_ATTEMPTS = 50
 MODE = "mode"
@@ -88,42 +87,16 @@ def record(env_config: Recordable, folder: Path, *, num_episodes: int, seed: int
     Yields:
         How many episodes there are, whenever that has changed.
     """
-    missing = sorted(set(range(num_episodes)) - staging.staged(folder))
-    if num_workers == 1:
-        for done, _ in enumerate(_stage(env_config, folder, missing, seed), start=1):
-            yield num_episodes - len(missing) + done
-        return
-    context = multiprocessing.get_context("spawn")  # an OpenGL context does not survive a fork
-    workers = [
-        context.Process(target=_work, args=(env_config, folder, missing[i::num_workers], seed, os.getpid()))
-        for i in range(min(num_workers, len(missing)))
-    ]
-    for worker in workers:
-        worker.start()
-    try:
-        while any(worker.is_alive() for worker in workers):
-            multiprocessing.connection.wait([worker.sentinel for worker in workers if worker.is_alive()], 0.5)
-            yield len(staging.staged(folder) & set(range(num_episodes)))
-    finally:
-        for worker in workers:
-            worker.terminate()
-            worker.join()
-    if failed := [worker.exitcode for worker in workers if worker.exitcode]:
-        raise RuntimeError(f"{len(failed)} of {len(workers)} recording processes failed; their errors are above")
+    parts = [range(index, index + 1) for index in range(num_episodes)]
+    yield from stage_all(partial(_stage, env_config, folder, seed), folder, parts, num_workers)
 
 
-def _work(env_config: Recordable, folder: Path, indices: Iterable[int], seed: int, parent: int) -> None:
-    """One process's share; ends early when the recording itself was killed."""
-    for _ in _stage(env_config, folder, indices, seed):
-        if os.getppid() != parent:
-            return
-
-
-def _stage(env_config: Recordable, folder: Path, indices: Iterable[int], seed: int) -> Iterator[int]:
+def _stage(env_config: Recordable, folder: Path, seed: int, parts: Sequence[range]) -> Iterator[None]:
     env = gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs)
-    for index in indices:
-        staging.save(folder, index, demonstrate(env_config, env, seed + index))
-        yield index
+    for part in parts:
+        for index in part:
+            staging.save(folder, index, demonstrate(env_config, env, seed + index))
+        yield
     env.close()
 
 
@@ -147,7 +120,7 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
         over = False
         while not over:
             action = expert.act(observation)
-            steps.append({**_features(env_config, observation), ACTION: action})
+            steps.append({**features(env_config, observation), ACTION: action})
             observation, _, terminated, truncated, info = env.step(expert.disturb(action))
             over = terminated or truncated
         if info["is_success"]:
@@ -157,8 +130,8 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
     raise RuntimeError(f"the expert failed {MAX_ATTEMPTS} times in the environment with seed {seed}")
 
 
-def _features(env_config: Recordable, observation: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """An observation of the environment under LeRobot's keys."""
+def features(env_config: Recordable, observation: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """An observation of the environment, or a batch of them, under LeRobot's keys."""
     values = {f"{OBS_IMAGES}.{camera}": frame for camera, frame in observation.get("pixels", {}).items()}
     values |= {key: value for key, value in observation.items() if key != "pixels"}
     return {env_config.features_map[key]: value for key, value in values.items()}

@@ -1,31 +1,44 @@
-"""One file per finished episode, so that a recording killed at any moment loses at most the one in flight.
+"""One file per finished episode, so that a recording killed at any moment loses at most what is in flight.
 
 An open LeRobotDataset cannot do that: it neither loads nor resumes when its writer is killed.
 """
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from lerobot.utils.constants import ACTION
+
+_FACTS = ("task", "attempts", "failure")
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A finished demonstration.
+    """A finished episode.
 
     Attributes:
-        frames: For each feature of the dataset, under its LeRobot key, an array (L, ...) over the L steps.
+        frames: For each feature of the dataset, under its LeRobot key, an array (L, ...): a demonstration's over its L
+            steps; an agent's over the L moments at which it was queried, with chunks (L, T, A) for actions.
         task: The task string.
         attempts: How often it was played until it succeeded.
+        failure: Why it failed, where failures are kept; "" for a success.
     """
 
     frames: dict[str, np.ndarray]
     task: str
-    attempts: int
+    attempts: int = 1
+    failure: str = ""
+
+    def rows(self) -> Iterator[dict[str, np.ndarray]]:
+        """The dataset's rows: one an action, all actions of a chunk with the observation that it was made from."""
+        for step, actions in enumerate(self.frames[ACTION]):
+            row = {key: values[step] for key, values in self.frames.items()}
+            for action in np.atleast_2d(actions):
+                yield row | {ACTION: action}
 
 
 def staging_folder(root: Path) -> Path:
@@ -63,15 +76,17 @@ def staged(folder: Path) -> set[int]:
 def save(folder: Path, index: int, episode: Episode) -> None:
     """Write episode `index`; after a crash it is there whole or not at all."""
     temporary = folder / f"writing_{index:06d}_{os.getpid()}.npz"
-    np.savez_compressed(temporary, task=episode.task, attempts=episode.attempts, **episode.frames)  # type: ignore[arg-type]
+    facts = {name: np.array(getattr(episode, name)) for name in _FACTS}
+    np.savez_compressed(temporary, **facts, **episode.frames)  # type: ignore[arg-type]
     _publish(temporary, _episode_file(folder, index))
 
 
 def load(folder: Path, index: int) -> Episode:
     """Read episode `index`."""
     with np.load(_episode_file(folder, index)) as arrays:
-        frames = {key: arrays[key] for key in arrays.files if key not in ("task", "attempts")}
-        return Episode(frames=frames, task=str(arrays["task"]), attempts=int(arrays["attempts"]))
+        frames = {key: arrays[key] for key in arrays.files if key not in _FACTS}
+        facts = {name: arrays[name].item() for name in _FACTS}
+        return Episode(frames=frames, **facts)
 
 
 def _episode_file(folder: Path, index: int) -> Path:

@@ -3,6 +3,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from lerobot_gloves import commands
 from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
 from lerobot_gloves.recording import staging
 from lerobot_gloves.tasks.slalom import SlalomEnv
+from tests.builders import save_policy
 from tests.hub import Hub, hub  # noqa: F401
 
 
@@ -105,6 +107,62 @@ def test_the_command_on_the_card_records_the_same(tmp_path):
     )
 
 
+def test_the_command_on_an_agents_card_records_the_same(tmp_path):
+    asked = config(tmp_path / "slow", num_episodes=24)
+    asked = replace(asked, agent="me/agent", perturbation="slow:alpha=0.5", batch_size=12, seed=None)
+    assert asked.command == (
+        "gloves record --env.type=gloves_slalom --dataset.repo_id=me/slalom --dataset.num_episodes=24 "
+        "--agent=me/agent --perturbation=slow:alpha=0.5 --batch_size=12 --seed=40000"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"perturbation": "slow"}, "perturbation 'slow' needs --agent: the expert is never perturbed"),
+        ({"agent": "me/agent", "batch_size": 101}, "batch_size must lie between 1 and 100, not 101"),
+        ({"agent": "/no/thing"}, "--agent=/no/thing is no checkpoint's folder"),
+        ({"agent": "/no/thing", "perturbation": "nosied"}, "unknown perturbation 'nosied': choose from laggy, noised"),
+        ({"num_workers": 0}, "num_workers must be at least 1, not 0"),
+    ],
+)
+def test_bad_options_of_an_agent_are_named(tmp_path, options, message):
+    with pytest.raises(ValueError, match=message):
+        record(replace(config(tmp_path / "slalom"), seed=None, **options))
+    assert not (tmp_path / "slalom").exists()
+
+
+@pytest.fixture
+def agent(tmp_path):
+    return str(save_policy(tmp_path / "agent", "gloves_flow_policy"))
+
+
+def test_an_agents_episodes_are_kept_and_other_settings_refused(tmp_path, agent, monkeypatch):
+    root = tmp_path / "noised"
+    asked = replace(config(root, 5, env=SlalomEnv(episode_length=10)), agent=agent, perturbation="noised", seed=None)
+    asked = replace(asked, batch_size=2)
+    saved = []
+    save = staging.save
+
+    def save_and_die(folder, index, episode):
+        save(folder, index, episode)
+        saved.append(index)
+        if len(saved) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(staging, "save", save_and_die)
+    with pytest.raises(KeyboardInterrupt):
+        record(asked)
+    for change, told in (({"perturbation": "slow"}, "perturbation=noised:sigma=0.005"), ({"agent": None}, "agent=")):
+        other = replace(asked, **{"perturbation": "none"} | change, seed=40000)
+        with pytest.raises(ValueError, match=f"recorded with .*{told}"):
+            record(other)
+    record(asked)
+    assert saved == [0, 1, 2, 2, 3, 4], "the batch in flight is played again, the one before it is not"
+    assert LeRobotDataset("me/slalom", root=root).num_episodes == 5
+    assert not staging.staging_folder(root).exists()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -180,3 +238,20 @@ def test_a_recording_is_pushed_with_its_card_and_loads_from_the_hub(tmp_path, hu
         text=True,
     )
     assert "loaded 2 (9,)" in loaded.stdout, loaded.stderr
+
+
+@pytest.mark.slow
+def test_an_agents_recording_killed_while_it_plays_ends_as_if_it_had_not_been(tmp_path, agent):
+    options = [f"--agent={agent}", "--perturbation=laggy", "--batch_size=2", "--env.episode_length=60"]
+    root = tmp_path / "killed"
+    folder = staging.staging_folder(root)
+    kill_when(start(root, 12, *options), lambda: len(staging.staged(folder)) >= 4)
+    kept = {file: file.stat().st_mtime_ns for file in folder.glob("episode_*.npz")}
+    assert 4 <= len(kept) < 12 and not root.exists()
+    for name in ("killed", "whole"):
+        process = start(tmp_path / name, 12, *options)
+        output, _ = process.communicate()
+        assert process.returncode == 0, output
+    killed, whole = (LeRobotDataset("me/slalom", root=tmp_path / name) for name in ("killed", "whole"))
+    assert killed.num_episodes == 12
+    assert np.array_equal(np.stack(killed.hf_dataset["action"]), np.stack(whole.hf_dataset["action"]))

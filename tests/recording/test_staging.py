@@ -20,6 +20,23 @@ def test_an_episode_comes_back_as_it_was_saved(tmp_path):
         assert np.array_equal(loaded.frames[key], values)
 
 
+def test_an_agents_episode_says_how_it_failed_and_has_a_row_an_action(tmp_path):
+    actions = np.arange(12.0).reshape(2, 3, 2)
+    frames = {"action": actions, "observation.state": np.array([[1.0], [2.0]])}
+    staging.save(tmp_path, 0, Episode(frames=frames, task="agent: none, chunks of 3", failure="collision"))
+    loaded = staging.load(tmp_path, 0)
+    assert (loaded.failure, loaded.attempts) == ("collision", 1)
+    rows = list(loaded.rows())
+    assert [row["action"].tolist() for row in rows] == actions.reshape(6, 2).tolist()
+    assert [float(row["observation.state"][0]) for row in rows] == [1, 1, 1, 2, 2, 2]
+
+
+def test_a_demonstration_has_a_row_a_step():
+    frames = {"action": np.arange(6.0).reshape(3, 2), "mode": np.array([[5], [5], [5]])}
+    rows = list(Episode(frames=frames, task="").rows())
+    assert [(row["action"].tolist(), int(row["mode"][0])) for row in rows] == [([0, 1], 5), ([2, 3], 5), ([4, 5], 5)]
+
+
 def test_an_episode_whose_writing_was_cut_off_does_not_count(tmp_path, monkeypatch):
     def killed(file, **arrays):
         file.write_bytes(b"PK half an archive")

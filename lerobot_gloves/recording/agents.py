@@ -1,0 +1,197 @@
+"""An agent's proposals at the moments at which it was queried, staged as `lerobot_gloves.sources` says."""
+
+import gc
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+import torch
+from lerobot.envs import EnvConfig, make_env_pre_post_processors
+from lerobot.policies import make_policy, make_policy_config, make_pre_post_processors
+from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import ACTION
+from lerobot.utils.random_utils import set_seed
+from torch import Tensor
+
+from lerobot_gloves.benchmark.cell import (
+    PERTURBATION_CHOICES,
+    Setup,
+    checkpoint_config,
+    environment,
+    quiet,
+    resolve_perturbation,
+)
+from lerobot_gloves.benchmark.rollout import rollout, tasks
+from lerobot_gloves.benchmark.rows import checkpoint_hash
+from lerobot_gloves.perturbations import Perturbation
+from lerobot_gloves.recording import staging
+from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
+from lerobot_gloves.recording.staging import Episode
+from lerobot_gloves.recording.workers import stage_all
+from lerobot_gloves.sources import agent_task
+from lerobot_gloves.specification import parse
+
+
+@dataclass(frozen=True)
+class Agent:
+    """Who is recorded.
+
+    Attributes:
+        checkpoint: Folder or Hub id of the policy.
+        perturbation: What is done to its chunks: `none`, or a specification such as `noised:sigma=0.005`.
+        batch_size: Environments that run side by side.
+    """
+
+    checkpoint: str
+    perturbation: str
+    batch_size: int
+
+    @property
+    def source(self) -> str:
+        """The label of its chunks, one of `lerobot_gloves.sources.SOURCES`."""
+        return self.perturbation.partition(":")[0]
+
+    def settings(self) -> dict[str, Any]:
+        """What its episodes depend on; the checkpoint counts by content, wherever it lies.
+
+        Raises:
+            ValueError: If there is no such checkpoint, or the perturbation is not valid; the message lists what is.
+        """
+        perturbation = resolve_perturbation(self.perturbation)
+        checkpoint_config("agent", self.checkpoint)
+        content = checkpoint_hash(self.checkpoint)
+        return {"agent": content, "perturbation": perturbation, "batch_size": self.batch_size}
+
+
+class Listener(Perturbation):
+    """Stands where the perturbation of a wrapped agent stands, and hears what comes out of it: every proposal, once.
+
+    Attributes:
+        proposal: The proposals (B, T, A) that came since `proposal` was set to None, raw and perturbed.
+    """
+
+    def __init__(self, perturbation: Perturbation | None):
+        self._perturbation = perturbation
+        self.proposal: Tensor | None = None
+
+    def reset(self, batch_size: int, seed: int, first_episode: int = 0) -> None:
+        if self._perturbation is not None:
+            self._perturbation.reset(batch_size, seed, first_episode)
+
+    def __call__(self, chunk: Tensor) -> Tensor:
+        chunk = chunk if self._perturbation is None else self._perturbation(chunk)
+        self.proposal = chunk.clone()
+        return chunk
+
+
+def record(
+    env_config: Recordable, agent: Agent, folder: Path, *, num_episodes: int, seed: int, num_workers: int
+) -> Iterator[int]:
+    """Stage the episodes 0 to `num_episodes` - 1 that are not there yet, batch by batch.
+
+    A batch is saved when its last episode has ended. It depends on the configuration, its size and the seed of its
+    first episode alone, so it is the same whoever records it and whatever was recorded before.
+
+    Args:
+        env_config: The task.
+        agent: Who is recorded.
+        folder: The staging folder.
+        num_episodes: How many episodes there shall be.
+        seed: Environment seed of episode 0; episode i has seed + i.
+        num_workers: Processes that record side by side.
+
+    Yields:
+        How many episodes there are, whenever that has changed.
+    """
+    batches = [
+        range(first, min(first + agent.batch_size, num_episodes)) for first in range(0, num_episodes, agent.batch_size)
+    ]
+    yield from stage_all(partial(_stage, env_config, agent, folder, seed), folder, batches, num_workers)
+
+
+def _stage(env_config: Recordable, agent: Agent, folder: Path, seed: int, batches: Sequence[range]) -> Iterator[None]:
+    torch.set_num_threads(1)  # the order of sums, and with it the last bits of an action, depend on it
+    # Only its environments are of interest here.
+    size = agent.batch_size
+    setup = Setup(env=cast(EnvConfig, env_config), agent=agent.checkpoint, episodes=size, batch_size=size)
+    with environment(setup) as env:
+        for batch in batches:
+            # The last batch is as large as the others; what is too many of it is dropped.
+            for index, episode in zip(batch, play(env_config, agent, env, seed + batch.start), strict=False):
+                staging.save(folder, index, episode)
+            yield
+
+
+def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int) -> list[Episode]:
+    """One episode in each of B environments, by an agent that was loaded for them.
+
+    Args:
+        env_config: The task.
+        agent: Who plays.
+        env: The environments.
+        seed: Seed of the first environment, the others follow; also the seed of the agent and its perturbation.
+
+    Raises:
+        ValueError: If the agent's proposals are not all of one length.
+    """
+    gc.collect()  # the last batch's agent refers to itself, and a GPU may not hold two
+    set_seed(seed)  # for agents that draw from the global generators
+    policy, prepare, finish = load(cast(EnvConfig, env_config), agent, seed)
+    listener = Listener(policy.config.perturbation)
+    policy.config.perturbation = listener
+    queries: dict[int, list[dict[str, np.ndarray]]] = defaultdict(list)
+
+    def watch(observation: Mapping[str, Any], running: np.ndarray) -> None:
+        proposal, listener.proposal = listener.proposal, None
+        if proposal is None:
+            return
+        modes = np.array([[env_config.modes.index(task)] for task in tasks(env)], dtype=np.int64)
+        columns = {**features(env_config, observation), ACTION: proposal.cpu().numpy(), MODE: modes}
+        for row in running.nonzero()[0]:
+            queries[row].append({key: np.array(values[row]) for key, values in columns.items()})
+
+    device = torch.device(policy.config.device).type
+    with torch.autocast(device, enabled=policy.config.use_amp):
+        played = rollout(env, policy, prepare, finish, range(seed, seed + env.num_envs), watch)
+    episodes = []
+    for row, outcome in enumerate(played):
+        lengths = {len(query[ACTION]) for query in queries[row]}
+        if len(lengths) != 1:
+            raise ValueError(
+                f"the proposals of {agent.checkpoint} have {' and '.join(map(str, sorted(lengths)))} actions: "
+                "a dataset holds proposals of one length"
+            )
+        frames = {key: np.stack([query[key] for query in queries[row]]) for key in queries[row][0]}
+        task = agent_task(agent.source, lengths.pop())
+        episodes.append(Episode(frames=frames, task=task, failure=outcome.failure))
+    return episodes
+
+
+type Act = tuple[PreTrainedPolicy, Callable[[dict[str, Any]], dict[str, Any]], Callable[[Tensor], Tensor]]
+
+
+def load(env_config: EnvConfig, agent: Agent, seed: int) -> Act:
+    """The wrapped agent from LeRobot's factory, without an adapter; what goes before it and what behind."""
+    perturbation = parse(agent.perturbation, PERTURBATION_CHOICES, "perturbation")
+    seeded = hasattr(checkpoint_config("agent", agent.checkpoint), "seed")
+    config = make_policy_config(
+        "gloves",
+        agent=agent.checkpoint,
+        agent_overrides=[f"--seed={seed}"] if seeded else [],
+        perturbation=perturbation if isinstance(perturbation, Perturbation) else None,
+        seed=seed,
+    )
+    with quiet():
+        policy = make_policy(config, env_cfg=env_config).eval()
+        before, behind = make_pre_post_processors(
+            config,
+            str(config.pretrained_path),
+            preprocessor_overrides={"device_processor": {"device": str(config.device)}},
+        )
+    env_before, env_behind = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=config)
+    return policy, lambda seen: before(env_before(seen)), lambda action: env_behind({ACTION: behind(action)})[ACTION]
