@@ -1,9 +1,11 @@
 """One cell of the benchmark: a task, a perturbation, a method, a seed."""
 
+import json
+import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import gymnasium as gym
@@ -26,29 +28,39 @@ SEED_BANDS = {"test": 10000, "validation": 20000}
 BAND = 100
 """How many seeds a split has room for, and how many episodes each of them."""
 NONE, GATE = "none", "+gate"
+PERTURBED = "{perturbation}"
+"""Stands for the perturbation's name, such as `noised`, in the options of a method."""
 
 
-# Options are explained by comments because LeRobot's parser shows those in --help.
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class Setup:
-    """What all cells of a benchmark share."""
+    """What a cell is played with, besides its perturbation, method and seed.
 
-    # The task, such as --env.type=gloves_slalom --env.obs_type=state.
+    Attributes:
+        env: The task.
+        agent: The policy to be corrected: a checkpoint's folder or Hub id.
+        adapter: The checkpoint that scores and edits: a folder or Hub id. The method none does without.
+        split: Environment seeds to use: test, or validation for choosing settings.
+        episodes: Episodes of the cell, at most 100.
+        batch_size: Environments that run side by side.
+        score: Nonconformity score and its options; None for the adapter's first, if it has any.
+        alpha: The gate's significance level.
+        options: Further options of the wrapper for its adapter, such as `adapter_overrides`; `PERTURBED` in them stands
+            for the perturbation's name.
+
+    Raises:
+        ValueError: If split, episodes or batch size is not valid.
+    """
+
     env: EnvConfig
-    # The policy to be corrected: a checkpoint's folder or Hub id.
     agent: str
-    # The checkpoint that scores and edits: a folder or Hub id. The method none does without.
     adapter: str | None = None
-    # Environment seeds to use: test, or validation for choosing settings.
     split: str = "test"
-    # Episodes of each cell, at most 100.
     episodes: int = 30
-    # Environments that run side by side in a cell.
     batch_size: int = 30
-    # Nonconformity score and its options.
-    score: str = "reverse:steps=1"
-    # The gate's significance level.
+    score: str | None = None
     alpha: float = 0.05
+    options: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.split not in SEED_BANDS:
@@ -76,41 +88,92 @@ class Cell:
         perturbation: `none`, or a specification such as `noised:sigma=0.005`.
         method: `none` for the raw agent; else an editor's specification, with `+gate` behind it to gate it.
         seed: Seed s of the policies; environment i has seed 100 s + i of the split's band.
+        task: The task's name.
+        perturbation_label: What the perturbation is called; "" for its specification.
+        label: What the method is called; "" for its specification.
+
+    Raises:
+        ValueError: If the split has no room for the seed.
     """
 
     perturbation: str
     method: str
     seed: int
+    task: str = ""
+    perturbation_label: str = ""
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed < BAND:
+            raise ValueError(f"seed is {self.seed}, but must lie between 0 and {BAND - 1}")
+
+    @property
+    def line(self) -> str:
+        """The perturbation's name."""
+        return self.perturbation_label or self.perturbation
+
+    @property
+    def column(self) -> str:
+        """The method's name."""
+        return self.label or self.method
+
+    @property
+    def names(self) -> list[str]:
+        """Task, if it has a name, perturbation, method and seed."""
+        return [*filter(None, [self.task]), self.line, self.column, f"seed {self.seed}"]
 
     def __str__(self) -> str:
-        return f"{self.perturbation} / {self.method} / seed {self.seed}"
+        return " / ".join(self.names)
 
 
-def resolve(setup: Setup, cell: Cell) -> dict[str, Any]:
-    """Perturbation, method, score and alpha of a cell with every option written out; loads no weights.
+def resolve_perturbation(perturbation: str) -> str:
+    """A perturbation with every option written out.
 
     Raises:
-        ValueError: If one of them, or the seed, is not valid; the message lists what is.
+        ValueError: If it is not valid; the message lists what is.
     """
-    if not 0 <= cell.seed < BAND:
-        raise ValueError(f"seed is {cell.seed}, but must lie between 0 and {BAND - 1}")
-    perturbation = parse(cell.perturbation, PERTURBATION_CHOICES, "perturbation")
-    resolved = {"perturbation": specification(perturbation, PERTURBATION_CHOICES), "method": NONE}
-    if cell.method == NONE:
-        return resolved
-    if cell.method == NONE + GATE:
-        raise ValueError(
-            f"method {cell.method!r} makes no sense: the raw agent has nothing that a gate could hold back"
-        )
+    return specification(parse(perturbation, PERTURBATION_CHOICES, "perturbation"), PERTURBATION_CHOICES)
+
+
+def resolve_method(setup: Setup, method: str) -> dict[str, Any]:
+    """Method, score, alpha and options with every option written out; loads no weights.
+
+    Raises:
+        ValueError: If one of them is not valid; the message lists what is.
+    """
+    if method == NONE:
+        return {"method": NONE}
+    if method == NONE + GATE:
+        raise ValueError(f"method {method!r} makes no sense: the raw agent has nothing that a gate could hold back")
     if setup.adapter is None:
-        raise ValueError(f"method {cell.method!r} needs --adapter, a trained checkpoint")
+        raise ValueError(f"method {method!r} needs an adapter, a trained checkpoint")
     adapter: Any = get_policy_class(checkpoint_config("adapter", setup.adapter).type)
     if not hasattr(adapter, "editors"):
         raise ValueError(f"{setup.adapter} is a policy of type {adapter.name!r}, which cannot correct another one")
-    editors = {NONE: Unchanged, **adapter.editors}
-    editor = specification(parse(cell.method.removesuffix(GATE), editors, "method"), editors)
-    score = specification(parse(setup.score, adapter.scores, "score"), adapter.scores)
-    return {**resolved, "method": editor + GATE * cell.method.endswith(GATE), "score": score, "alpha": setup.alpha}
+    gated, editors = method.endswith(GATE), {NONE: Unchanged, **adapter.editors}
+    editor = specification(parse(method.removesuffix(GATE), editors, "method"), editors)
+    resolved: dict[str, Any] = {"method": editor + GATE * gated, "score": None, "alpha": None}
+    if adapter.scores:
+        score = setup.score or next(iter(adapter.scores))
+        resolved["score"] = specification(parse(score, adapter.scores, "score"), adapter.scores)
+        resolved["alpha"] = setup.alpha
+    elif gated or setup.score is not None:
+        raise ValueError(
+            f"method {method!r} with score {setup.score!r}: a policy of type {adapter.name!r} has no scores, "
+            "and so no gate: leave out both"
+        )
+    allowed = adapter_options()
+    for name in setup.options:
+        if name not in allowed:
+            raise ValueError(f"the wrapper has no adapter option {name!r}: choose from {', '.join(allowed)}")
+    return {**resolved, "options": setup.options} if setup.options else resolved
+
+
+def adapter_options() -> list[str]:
+    """The wrapper's options for its adapter that a benchmark leaves open."""
+    names = [option.name for option in fields(PreTrainedConfig.get_choice_class("gloves"))]
+    # A checkpoint counts by content: another revision is another checkpoint.
+    return [name for name in names if name.startswith("adapter_") and name != "adapter_revision"]
 
 
 def checkpoint_config(option: str, checkpoint: str) -> PreTrainedConfig:
@@ -126,7 +189,11 @@ def checkpoint_config(option: str, checkpoint: str) -> PreTrainedConfig:
 
 
 def run(setup: Setup, cell: Cell) -> list[Episode]:
-    """Play a cell's episodes, on one thread."""
+    """Play a cell's episodes, on one thread.
+
+    Agent, adapter and environments are made anew for every cell, so that nothing of the last one is left in them. That
+    takes a few hundredths of the time of a cell of Slalom.
+    """
     torch.set_num_threads(1)
     set_seed(cell.seed)  # for agents that draw from the global generators
     first = SEED_BANDS[setup.split] + BAND * cell.seed
@@ -150,22 +217,27 @@ def load(setup: Setup, cell: Cell) -> Act:
         cell.method.removesuffix(GATE),
         parse(cell.perturbation, PERTURBATION_CHOICES, "perturbation"),
     )
+    corrected: dict[str, Any] = {}
+    if editor != NONE:
+        corrected = {
+            "adapter": setup.adapter,
+            "gate": cell.method.endswith(GATE),
+            "alpha": setup.alpha,
+            "score": setup.score,
+            **json.loads(json.dumps(setup.options).replace(PERTURBED, cell.perturbation.partition(":")[0])),
+        }
     seeded = hasattr(checkpoint_config("agent", setup.agent), "seed")
     config = make_policy_config(
         "gloves",
         agent=setup.agent,
         # So that raw and adapted runs draw the same; an agent without a seed of its own has the global generators.
         agent_overrides=[f"--seed={cell.seed}"] if seeded else [],
-        adapter=None if editor == NONE else setup.adapter,
         method=editor,
-        gate=cell.method.endswith(GATE),
-        alpha=setup.alpha,
-        score=setup.score,
         perturbation=perturbation if isinstance(perturbation, Perturbation) else None,
         seed=cell.seed,
+        **corrected,
     )
-    # LeRobot prints what it loads, but standard output is for the table.
-    with open(os.devnull, "w") as nothing, redirect_stdout(nothing):
+    with quiet():
         policy = make_policy(config, env_cfg=setup.env).eval()
         before, behind = make_pre_post_processors(
             config,
@@ -174,6 +246,18 @@ def load(setup: Setup, cell: Cell) -> Act:
         )
     env_before, env_behind = make_env_pre_post_processors(env_cfg=setup.env, policy_cfg=config)
     return policy, lambda seen: before(env_before(seen)), lambda action: env_behind({ACTION: behind(action)})[ACTION]
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep to themselves what LeRobot prints and warns of at every loading."""
+    level = logging.root.manager.disable
+    logging.disable(max(level, logging.WARNING))
+    try:
+        with open(os.devnull, "w") as nothing, redirect_stdout(nothing):
+            yield
+    finally:
+        logging.disable(level)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Batched episodes of a policy, with what LeRobot's own loop drops: how an episode failed, and what was edited."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +11,9 @@ from lerobot.envs import preprocess_observation
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
+
+from lerobot_gloves.benchmark import histogram
+from lerobot_gloves.benchmark.histogram import Histogram
 
 
 @dataclass
@@ -28,6 +31,8 @@ class Episode:
             adapter's normalised units.
         milliseconds: Mean time of the adapter for one of them, the batch's time shared out.
         evaluations: Mean network evaluations of the adapter for one of them.
+        scores_left: Histogram of the scores of those that were left as they are; empty if the method asks for none.
+        scores_edited: The same of those that were edited.
     """
 
     seed: int
@@ -39,14 +44,20 @@ class Episode:
     distance: float = 0.0
     milliseconds: float = 0.0
     evaluations: float = 0.0
+    scores_left: Histogram = field(default_factory=dict)
+    scores_edited: Histogram = field(default_factory=dict)
 
-    def note(self, edited: bool, distance: float, milliseconds: float, evaluations: float) -> None:
+    def note(
+        self, edited: bool, distance: float, milliseconds: float, evaluations: float, score: float | None = None
+    ) -> None:
         """Count one more chunk."""
         self.chunks += 1
         self.edited += edited
         self.distance += (distance - self.distance) / self.chunks
         self.milliseconds += (milliseconds - self.milliseconds) / self.chunks
         self.evaluations += (evaluations - self.evaluations) / self.chunks
+        if score is not None:
+            histogram.add(self.scores_edited if edited else self.scores_left, score)
 
 
 def rollout(
@@ -55,6 +66,7 @@ def rollout(
     prepare: Callable[[dict[str, Any]], dict[str, Any]],
     finish: Callable[[Tensor], Tensor],
     seeds: Sequence[int],
+    watch: Callable[[Mapping[str, Any], np.ndarray], None] | None = None,
 ) -> list[Episode]:
     """Play one episode in each environment; the same episodes as LeRobot's `rollout`.
 
@@ -64,6 +76,8 @@ def rollout(
         prepare: From observations under LeRobot's keys to the policy's input.
         finish: From the policy's actions (B, A) to the environment's.
         seeds: B seeds of the environments.
+        watch: Called once a step, when the policy has acted and before the environments do, with their observations
+            and with which episodes still run, bool (B,).
     """
     policy.reset()
     observation, _ = env.reset(seed=list(seeds), options={NEW_ROLLOUT_OPTION: True})
@@ -75,6 +89,8 @@ def rollout(
         with torch.inference_mode():
             action = finish(policy.select_action(batch))
         count_chunks(episodes, running, getattr(policy, "correction", None))
+        if watch is not None:
+            watch(observation, running)
         observation, _, terminated, truncated, info = env.step(action.cpu().numpy())
         over = terminated | truncated | (step == limit)
         for row in running.nonzero()[0]:
@@ -122,4 +138,5 @@ def count_chunks(episodes: Sequence[Episode], running: np.ndarray, correction: A
             float(correction.distance[row]),
             milliseconds,
             float(correction.evaluations[row]),
+            None if correction.score is None else float(correction.score[row]),
         )

@@ -1,19 +1,27 @@
 """Rows: one JSON file a finished cell, with all that it takes to run the cell again."""
 
+import functools
 import hashlib
 import json
 import os
 import platform
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from huggingface_hub import snapshot_download
 
-from lerobot_gloves.benchmark.cell import NONE, Cell, Setup, checkpoint_config, resolve
+from lerobot_gloves.benchmark.cell import (
+    NONE,
+    Cell,
+    Setup,
+    checkpoint_config,
+    resolve_method,
+    resolve_perturbation,
+)
 from lerobot_gloves.benchmark.rollout import Episode
 
 type Row = dict[str, Any]
@@ -22,34 +30,50 @@ type Conditions = dict[str, Any]
 """What decides a cell's episodes besides its seed."""
 
 SHARED = ("env", "agent", "split", "episodes", "batch_size")
-"""The conditions that all rows of a folder have in common, so that they can be compared."""
+"""The conditions that all rows of a task have in common, so that they can be compared."""
 WHAT_DECIDES = ("*.json", "*.safetensors")
 """Files of a checkpoint that an episode depends on: configuration, weights, normalisation, calibration."""
 PACKAGES = ("lerobot_policy_gloves", "lerobot", "torch", "numpy", "gymnasium", "mujoco")
 
 
-def conditions(setup: Setup, cells: Sequence[Cell]) -> dict[Cell, Conditions]:
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A cell to be played, and all that it takes."""
+
+    setup: Setup
+    cell: Cell
+    conditions: Conditions
+
+
+def plan(matrix: Iterable[tuple[Setup, Cell]]) -> list[Job]:
     """Check cells without loading weights, and write out what decides their episodes.
 
-    Checkpoints count by content, wherever they lie.
-
     Raises:
-        ValueError: If a cell is not valid; the message lists what is.
+        ValueError: If a cell is not valid, the message lists what is; or if the rows of two would lie in one file.
     """
-    checkpoint_config("agent", setup.agent)
-    resolved = {cell: resolve(setup, cell) for cell in cells}
-    shared = {
-        "env": {"type": setup.env.type, "task": setup.env.task, **setup.env.gym_kwargs},
-        "agent": checkpoint_hash(setup.agent),
-        "split": setup.split,
-        "episodes": setup.episodes,
-        "batch_size": setup.batch_size,
-    }
-    corrected = {"adapter": checkpoint_hash(setup.adapter)} if setup.adapter else {}
-    return {
-        cell: json.loads(json.dumps({**shared, **own, **(corrected if cell.method != NONE else {})}, default=str))
-        for cell, own in resolved.items()
-    }
+    content, config = functools.cache(checkpoint_hash), functools.cache(checkpoint_config)
+
+    @functools.cache
+    def without_perturbation(setup: Setup, method: str) -> Conditions:
+        config("agent", setup.agent)
+        own = resolve_method(setup, method)
+        shared = {
+            "env": {"type": setup.env.type, "task": setup.env.task, **setup.env.gym_kwargs},
+            "agent": content(setup.agent),
+            "split": setup.split,
+            "episodes": setup.episodes,
+            "batch_size": setup.batch_size,
+        }
+        return {**shared, **own, **({} if method == NONE else {"adapter": content(setup.adapter)})}
+
+    jobs: dict[Path, Job] = {}
+    for setup, cell in matrix:
+        file = row_file(Path(), cell)
+        if file in jobs:
+            raise ValueError(f"{jobs[file].cell} and {cell} have the same name: label them differently")
+        own = {**without_perturbation(setup, cell.method), "perturbation": resolve_perturbation(cell.perturbation)}
+        jobs[file] = Job(setup, cell, json.loads(json.dumps(own, default=str)))
+    return list(jobs.values())
 
 
 def checkpoint_hash(checkpoint: str) -> str:
@@ -74,37 +98,41 @@ def versions() -> dict[str, str]:
     return found
 
 
-def row_file(folder: Path, cell: Cell) -> Path:
-    """Where a cell's row lies."""
-    name = f"{cell.perturbation}__{cell.method}__seed{cell.seed}"
-    return folder / f"{re.sub(r'[^A-Za-z0-9_.=,+-]', '_', name)}.json"
+def row_file(folder: Path, cell: Cell, suffix: str = ".json") -> Path:
+    """Where a cell's row lies, or what belongs to it under another suffix."""
+    name = "__".join(part.replace("seed ", "seed") for part in cell.names)
+    return folder / f"{re.sub(r'[^A-Za-z0-9_.=,+-]', '_', name)}{suffix}"
 
 
-def write_row(
-    folder: Path,
-    setup: Setup,
-    cell: Cell,
-    *,
-    conditions: Conditions,
-    seconds: float,
-    episodes: list[Episode],
-) -> None:
-    """Write a row: whatever happens, its file is there whole or not at all."""
-    row: Row = {
-        "cell": asdict(cell),
-        "conditions": conditions,
-        "checkpoints": {"agent": setup.agent, "adapter": setup.adapter},
+def make_row(job: Job, *, seconds: float, episodes: Sequence[Episode]) -> Row:
+    """The row of a cell that has just been played on this machine."""
+    return {
+        "cell": asdict(job.cell),
+        "conditions": job.conditions,
+        "checkpoints": {"agent": job.setup.agent, "adapter": job.setup.adapter},
         "versions": versions(),
         "seconds": round(seconds, 3),
         "episodes": [asdict(episode) for episode in episodes],
     }
-    file = row_file(folder, cell)
-    temporary = file.with_suffix(f".{os.getpid()}")
-    with temporary.open("w") as opened:
-        json.dump(row, opened, indent=1)
-        opened.flush()
-        os.fsync(opened.fileno())
-    temporary.replace(file)
+
+
+def write_row(folder: Path, row: Row) -> None:
+    """Write a row: whatever happens, its file is there whole or not at all.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    file = row_file(folder, Cell(**row["cell"]))
+    temporary = file.with_name(f"{file.name}.part")
+    try:
+        with temporary.open("w") as opened:
+            json.dump(row, opened, indent=1)
+            opened.flush()
+            os.fsync(opened.fileno())
+        temporary.replace(file)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(file)) from error
 
 
 def read_rows(folder: Path) -> list[Row]:
@@ -125,20 +153,29 @@ def read_rows(folder: Path) -> list[Row]:
     return rows
 
 
-def finished_cells(folder: Path, planned: Mapping[Cell, Conditions]) -> set[Cell]:
+def finished_cells(folder: Path, jobs: Sequence[Job]) -> set[Cell]:
     """Which of the planned cells have a row already.
 
     Raises:
         ValueError: If the folder holds rows that were made under other conditions.
     """
-    shared = {key: value for key, value in next(iter(planned.values())).items() if key in SHARED}
-    perturbations = {cell.perturbation: {"perturbation": here["perturbation"]} for cell, here in planned.items()}
-    methods = {cell.method: {key: here[key] for key in here if key != "perturbation"} for cell, here in planned.items()}
+    shared: dict[str, Conditions] = {}
+    lines: dict[tuple[str, str], Conditions] = {}
+    columns: dict[tuple[str, str], Conditions] = {}
+    for job in jobs:
+        task, own = job.cell.task, {key: value for key, value in job.conditions.items() if key not in SHARED}
+        shared[task] = {key: job.conditions[key] for key in SHARED}
+        lines[task, job.cell.line] = {"perturbation": own.pop("perturbation")}
+        columns[task, job.cell.column] = own
     done = set()
     for row in read_rows(folder):
         cell, there = Cell(**row["cell"]), row["conditions"]
         # Whatever stands in the same line or column of the report must have been made alike.
-        here = {**shared, **perturbations.get(cell.perturbation, {}), **methods.get(cell.method, {})}
+        here = {
+            **shared.get(cell.task, {}),
+            **lines.get((cell.task, cell.line), {}),
+            **columns.get((cell.task, cell.column), {}),
+        }
         different = [f"{key}={there.get(key)}" for key in here if here[key] != there.get(key)]
         if different:
             raise ValueError(
@@ -146,4 +183,4 @@ def finished_cells(folder: Path, planned: Mapping[Cell, Conditions]) -> set[Cell
                 "choose another --output_dir, or delete that one"
             )
         done.add(cell)
-    return done & planned.keys()
+    return done & {job.cell for job in jobs}

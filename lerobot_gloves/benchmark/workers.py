@@ -1,57 +1,165 @@
-"""Cells played side by side, each of which leaves a row."""
+"""Cells played side by side, whoever plays them; each leaves a row as soon as it is finished."""
 
-import multiprocessing
 import time
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import traceback
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, Self
 
-from lerobot_gloves.benchmark.cell import Cell, Setup, run
-from lerobot_gloves.benchmark.processes import begin_worker, interrupts_ignored
-from lerobot_gloves.benchmark.rows import Conditions, write_row
+from lerobot_gloves.benchmark.cell import Cell, run
+from lerobot_gloves.benchmark.locks import Lock
+from lerobot_gloves.benchmark.rows import Job, Row, checkpoint_hash, make_row, row_file, write_row
+
+ATTEMPTS = 2
+"""How often a cell is begun whose worker is killed every time."""
 
 
-def play(setup: Setup, cell: Cell, conditions: Conditions, folder: Path) -> str | None:
-    """Play a cell and write its row; returns in one line what went wrong, if anything did."""
+@dataclass(frozen=True)
+class Failed:
+    """A cell that could not be played.
+
+    Attributes:
+        reason: Why, in one line.
+        details: Why, in as many as it takes.
+    """
+
+    reason: str
+    details: str
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A cell whose worker is gone.
+
+    Attributes:
+        reason: What became of it, in one line.
+    """
+
+    reason: str
+
+
+type Outcome = Row | Failed | Lost
+
+
+class Workers(Protocol):
+    """Whoever plays cells: this process, others of this machine, or other machines."""
+
+    @property
+    def capacity(self) -> int:
+        """How many cells they play side by side."""
+        ...
+
+    def submit(self, job: Job) -> None:
+        """Begin to play a cell; there must be room for it."""
+        ...
+
+    def outcomes(self, timeout: float) -> Sequence[tuple[Job, Outcome]]:
+        """What became of cells since the last call; waits that many seconds for some, at most."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *error: object) -> None:
+        """End all that still runs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a cell ended.
+
+    Attributes:
+        cell: The cell.
+        failure: What went wrong, in one line; "" if it has a row now.
+    """
+
+    cell: Cell
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something to tell the user meanwhile, in one line."""
+
+    text: str
+
+
+def play(job: Job) -> Row | Failed:
+    """Play a cell in this process."""
     began = time.perf_counter()
     try:
-        episodes = run(setup, cell)
-        seconds = time.perf_counter() - began
-        write_row(folder, setup, cell, conditions=conditions, seconds=seconds, episodes=episodes)
+        for name, checkpoint in (("agent", job.setup.agent), ("adapter", job.setup.adapter)):
+            if checkpoint and job.conditions.get(name, (found := checkpoint_hash(checkpoint))) != found:
+                raise ValueError(f"the {name} {checkpoint} is another one here than where the run began")
+        episodes = run(job.setup, job.cell)
     except Exception as error:
-        return f"{cell} failed: {type(error).__name__}: {' '.join(str(error).split())}"
-    return None
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        return Failed(reason, traceback.format_exc())
+    return make_row(job, seconds=time.perf_counter() - began, episodes=episodes)
 
 
-def play_all(setup: Setup, planned: Mapping[Cell, Conditions], folder: Path, num_workers: int) -> Iterator[str | None]:
-    """Play cells, in this process or in several others.
+def play_all(jobs: Sequence[Job], folder: Path, workers: Workers, *, patience: float = 1.0) -> Iterator[Ended | Note]:
+    """Play cells, each under a lock, and write their rows.
+
+    A cell that another run is playing is left to it, and taken over if that run ends without a row of it.
 
     Args:
-        setup: What the cells share.
-        planned: The cells and their conditions.
-        folder: Where their rows go.
-        num_workers: Processes; with 1 it is this one.
+        jobs: The cells.
+        folder: Where rows, locks and what is known of failures go.
+        workers: Who plays them.
+        patience: How many seconds pass before a cell that another run plays is looked at again.
 
     Yields:
-        What `play` returned, for each cell as it ends.
+        How each cell ended, as it does, and what else there is to tell.
 
     Raises:
-        BrokenProcessPool: If a worker was killed.
+        OSError: If a row or a lock cannot be written.
     """
-    if min(num_workers, len(planned)) <= 1:
-        for cell, conditions in planned.items():
-            yield play(setup, cell, conditions, folder)
-        return
-    context = multiprocessing.get_context("spawn")  # neither CUDA nor OpenGL survives a fork
-    with ProcessPoolExecutor(num_workers, mp_context=context, initializer=begin_worker) as executor:
-        # Workers are born here and inherit that Ctrl-C is not theirs: this process ends them.
-        with interrupts_ignored():
-            futures = [executor.submit(play, setup, cell, conditions, folder) for cell, conditions in planned.items()]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
+    waiting, attempts = deque(jobs), Counter[Cell]()
+    held: dict[Cell, Lock] = {}
+    told = False
+    try:
+        while waiting or held:
+            elsewhere: list[Job] = []
+            while waiting and len(held) < workers.capacity:
+                job = waiting.popleft()
+                lock = Lock(row_file(folder, job.cell, ".lock"))
+                if not lock.acquire():
+                    elsewhere.append(job)
+                elif row_file(folder, job.cell).exists():
+                    lock.release()
+                    yield Ended(job.cell)
+                else:
+                    held[job.cell] = lock
+                    workers.submit(job)
+            waiting.extend(elsewhere)
+            if elsewhere and not held and not told:
+                told = True
+                yield Note(f"another run plays the last {len(waiting)} cell(s): waiting for it")
+            for job, outcome in workers.outcomes(patience):
+                if isinstance(outcome, Lost):
+                    attempts[job.cell] += 1
+                    if attempts[job.cell] < ATTEMPTS:
+                        yield Note(f"{job.cell}: {outcome.reason}; it is played again")
+                        workers.submit(job)
+                        continue
+                    outcome = Failed(f"{outcome.reason}, {ATTEMPTS} times, perhaps for memory", outcome.reason)
+                ended = _keep(folder, job, outcome)
+                held.pop(job.cell).release()
+                yield ended
+    finally:
+        for lock in held.values():
+            lock.release()
+
+
+def _keep(folder: Path, job: Job, outcome: Row | Failed) -> Ended:
+    """Write down what became of a cell."""
+    log = row_file(folder, job.cell, ".failed")
+    if isinstance(outcome, Failed):
+        log.write_text(f"{job.cell} failed: {outcome.reason}\n\n{outcome.details}")
+        return Ended(job.cell, f"{job.cell} failed: {outcome.reason} ({log})")
+    write_row(folder, outcome)
+    log.unlink(missing_ok=True)
+    return Ended(job.cell)

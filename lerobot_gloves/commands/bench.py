@@ -1,75 +1,182 @@
-"""`gloves bench`: perturbation x method x seed on a task, every method in the same episodes."""
+"""`gloves bench`: task x perturbation x method x seed, every method in the same episodes."""
 
-import itertools
+import os
 import sys
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from lerobot.configs import parser
+from lerobot.envs import EnvConfig
 from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
-from lerobot_gloves.benchmark.cell import GATE, NONE, Cell, Setup, load
+from lerobot_gloves.benchmark import search
+from lerobot_gloves.benchmark.cell import NONE, load
+from lerobot_gloves.benchmark.cluster import Cluster
+from lerobot_gloves.benchmark.file import complete
+from lerobot_gloves.benchmark.matrix import Task, cells, select, single_task
+from lerobot_gloves.benchmark.processes import Processes, ThisProcess
 from lerobot_gloves.benchmark.report import report
-from lerobot_gloves.benchmark.rows import conditions, finished_cells, read_rows
-from lerobot_gloves.benchmark.workers import play_all
+from lerobot_gloves.benchmark.rows import Job, finished_cells, plan, read_rows
+from lerobot_gloves.benchmark.workers import Note, Workers, play_all
 from lerobot_gloves.commands.errors import one_line_errors
 
+EXECUTORS = ("local", "ray")
 
+
+# Options are explained by comments because LeRobot's parser shows those in --help.
 @dataclass(kw_only=True)
-class BenchConfig(Setup):
+class BenchConfig:
     """Run every perturbation with every method and seed, in the same episodes; run again, it goes on where it stopped.
 
+    gloves bench --config_path=configs/bench/slalom.yaml --output_dir=outputs/bench/slalom
+    runs the matrix of a file. One task needs no file:
     gloves bench --env.type=gloves_slalom --agent=AGENT --adapter=ADAPTER --output_dir=outputs/bench/first
     --perturbations='[none, "noised:sigma=0.005"]' --methods='[none, "feeg:start=0.5", "feeg:start=0.5+gate"]'
     """
 
     # Folder of the rows, one file a finished cell. Rows that are there already are not run again.
     output_dir: Path
-    # What is done to the agent: none, or specifications such as "laggy:p=0.2".
-    perturbations: list[str] = field(default_factory=lambda: [NONE])
+    # In a file: tasks by name, each with env, agent, perturbations and methods by label. Options such as
+    # --tasks.slalom.methods.FEEG.alpha=0.1 override it.
+    tasks: dict[str, Task] = field(default_factory=dict)
+    # A file that a search wrote with --choose: its settings go before those of the tasks' methods.
+    chosen: Path | None = None
+    # Without a file: the task, such as --env.type=gloves_slalom --env.obs_type=state.
+    env: EnvConfig = None
+    # Without a file: the policy to be corrected, a checkpoint's folder or Hub id.
+    agent: str | None = None
+    # Without a file: the checkpoint that scores and edits, a folder or Hub id. The method none does without.
+    adapter: str | None = None
+    # Without a file: nonconformity score and its options; by default the adapter's first.
+    score: str | None = None
+    # Without a file: the gate's significance level; by default 0.05.
+    alpha: float | None = None
+    # What is done to the agent: none, or specifications such as "laggy:p=0.2". With a file: labels, to run these only.
+    perturbations: list[str] | None = None
     # How it is corrected: none for the raw agent, or editors such as "feeg:start=0.5"; "feeg:start=0.5+gate" is gated.
-    methods: list[str] = field(default_factory=lambda: [NONE])
+    # With a file: labels, to run these only.
+    methods: list[str] | None = None
     # Seeds of the policies; seed s plays the environment seeds 100 s, 100 s + 1, ... of the split.
     seeds: list[int] = field(default_factory=lambda: [0])
-    # Processes that play cells side by side, on one thread each.
-    num_workers: int = 1
+    # Environment seeds to use: test, or validation for choosing settings.
+    split: str = "test"
+    # Episodes of each cell, at most 100.
+    episodes: int = 30
+    # Environments that run side by side in a cell.
+    batch_size: int = 30
+    # Who plays the cells: local, processes of this machine, or ray.
+    executor: str = "local"
+    # With ray: the cluster's address, such as 10.0.0.1:6379 or auto; by default one is started on this machine.
+    address: str | None = None
+    # With ray: the share of a GPU that each cell takes.
+    num_gpus: float = 0.0
+    # Cells that are played side by side, on one thread each; by default as many as there are cores.
+    num_workers: int | None = None
+    # Where a search writes the best setting of each method.
+    choose: Path | None = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.num_workers < 1:
+        if self.num_workers is not None and self.num_workers < 1:
             raise ValueError(f"num_workers is {self.num_workers}, but must be at least 1")
+        if self.executor not in EXECUTORS:
+            raise ValueError(f"unknown executor {self.executor!r}: choose from {', '.join(EXECUTORS)}")
+        if self.executor != "ray" and (self.address is not None or self.num_gpus):
+            raise ValueError("address and num_gpus are for --executor=ray")
         for name in ("perturbations", "methods", "seeds"):
-            if not getattr(self, name):
+            if getattr(self, name) == []:
                 raise ValueError(f"{name} is empty: nothing to run")
+        # `env` is not declared as `EnvConfig | None`: the parser would not say what is wrong with a task's option.
+        if not self.tasks and None in (self.env, self.agent):
+            raise ValueError("name the tasks in a file, --config_path=FILE, or one by --env.type and --agent")
+        alone = [name for name in ("env", "agent", "adapter", "score", "alpha") if getattr(self, name) is not None]
+        if self.tasks and alone:
+            raise ValueError(
+                f"{alone[0]} is for a task without a file: override a file's tasks by options such as "
+                "--tasks.NAME.agent=AGENT"
+            )
+
+    def matrix(self) -> dict[str, Task]:
+        """The tasks to run."""
+        if self.tasks:
+            return select(self.tasks, self.perturbations, self.methods)
+        assert self.agent is not None
+        return single_task(
+            self.env,
+            self.agent,
+            self.adapter,
+            self.perturbations or [NONE],
+            self.methods or [NONE],
+            score=self.score,
+            alpha=0.05 if self.alpha is None else self.alpha,
+        )
 
 
 @parser.wrap()
 def bench(config: BenchConfig) -> list[str]:
     """Play all cells, print the report, and return a line for each cell that failed."""
-    # Seeds outermost: a run cut short has whole tables of fewer seeds.
-    matrix = itertools.product(config.seeds, config.perturbations, config.methods)
-    cells = list(dict.fromkeys(Cell(perturbation, method, seed) for seed, perturbation, method in matrix))
-    planned = conditions(config, cells)
+    tasks = config.matrix()
+    searching = search.check_search(tasks, config.split, config.seeds, config.episodes)
+    if config.choose and not searching:
+        raise ValueError("choose is for a search, but no method has settings to choose from")
+    shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
+    jobs = plan(cells(tasks, config.seeds, **shared))
     config.output_dir.mkdir(parents=True, exist_ok=True)
-    done = finished_cells(config.output_dir, planned)
-    missing = {cell: here for cell, here in planned.items() if cell not in done}
-    if missing:
-        # Whatever is wrong with checkpoints and calibration shows here once, rather than in every cell.
-        load(config, max(missing, key=lambda cell: (cell.method.endswith(GATE), cell.method != NONE)))
-    failures = []
-    with tqdm(total=len(cells), initial=len(done), desc="bench", unit="cell", smoothing=0) as progress:
-        for failure in play_all(config, missing, config.output_dir, config.num_workers):
-            if failure is not None:
-                failures.append(failure)
-                progress.write(failure, file=sys.stderr)
-            progress.update()
+    done = finished_cells(config.output_dir, jobs)
+    missing = [job for job in jobs if job.cell not in done]
+    failures = run_missing(config, missing, total=len(jobs)) if missing else []
+    finished_cells(config.output_dir, jobs)  # another run may have added rows that do not fit
     rows = read_rows(config.output_dir)
-    if rows:
+    if searching:
+        found = search.ranking(tasks, rows)
+        print(search.describe(found), end="")
+        if config.choose and not failures:
+            search.write_chosen(config.choose, found, episodes=len(config.seeds) * config.episodes)
+    elif rows:
         print(report(rows), end="")
     return failures
+
+
+def run_missing(config: BenchConfig, missing: Sequence[Job], *, total: int) -> list[str]:
+    """Play cells, with progress and time left on standard error; a line for each that failed."""
+    check_loading(missing)
+    failures = []
+    with (
+        make_workers(config, len(missing)) as workers,
+        tqdm(total=total, initial=total - len(missing), desc="bench", unit="cell", smoothing=0) as progress,
+    ):
+        for event in play_all(missing, config.output_dir, workers):
+            if isinstance(event, Note):
+                progress.write(event.text, file=sys.stderr)
+                continue
+            if event.failure:
+                failures.append(event.failure)
+                progress.write(event.failure, file=sys.stderr)
+            progress.update()
+    return failures
+
+
+def check_loading(jobs: Sequence[Job]) -> None:
+    """Load every agent and adapter once, so that what is wrong with them does not show in every cell."""
+    distinct: dict[str, Job] = {}
+    for job in jobs:
+        editor, _, gate = job.cell.method.partition("+")
+        alike = {**job.conditions, "method": (editor.partition(":")[0], gate)}
+        if not job.setup.options:
+            del alike["perturbation"]
+        distinct.setdefault(str(sorted(alike.items())), job)
+    for job in distinct.values():
+        load(job.setup, job.cell)
+
+
+def make_workers(config: BenchConfig, most: int) -> Workers:
+    """Who plays the cells, at most so many side by side."""
+    if config.executor == "ray":
+        return Cluster(config.address, config.num_workers, config.num_gpus)
+    count = min(config.num_workers or len(os.sched_getaffinity(0)), most)
+    return Processes(count) if count > 1 else ThisProcess()
 
 
 def main() -> None:
@@ -78,11 +185,11 @@ def main() -> None:
     register_third_party_plugins()
     with one_line_errors("gloves bench"):
         try:
+            sys.argv[1:] = complete(sys.argv[1:], BenchConfig)
             failures = bench()
-        except BrokenProcessPool:
-            sys.exit(
-                "gloves bench: a worker process was killed, perhaps for memory; "
-                "finished cells are kept: run the command again to go on"
-            )
+        except OSError as error:
+            if isinstance(error, FileNotFoundError | FileExistsError):
+                raise
+            sys.exit(f"gloves bench: {error}; finished cells are kept: run the command again to go on")
     if failures:
         sys.exit(f"gloves bench: {len(failures)} cell(s) failed, see above; run the command again to try only those")

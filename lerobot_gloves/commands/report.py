@@ -1,4 +1,4 @@
-"""`gloves report`: the tables of a benchmark from its rows."""
+"""`gloves report`: the tables and plots of a benchmark from its rows."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,30 +6,57 @@ from pathlib import Path
 from lerobot.configs import parser
 
 from lerobot_gloves.benchmark.report import report
+from lerobot_gloves.benchmark.report_csv import report_csv
 from lerobot_gloves.benchmark.rows import read_rows
 from lerobot_gloves.commands.errors import one_line_errors
 
 
 @dataclass
 class ReportConfig:
-    """Turn the rows that gloves bench left into Markdown tables."""
+    """Turn the rows that gloves bench left into tables and plots.
 
-    # Folder of the rows.
-    rows: Path
-    # File to write the tables to, besides printing them.
+    gloves report --rows=outputs/bench/first --html=report.html
+    gloves report --rows='[outputs/bench/slalom, outputs/bench/keypad]' --paper=true --csv=figures.csv
+    """
+
+    # Folder of the rows, or several: '[FOLDER, FOLDER]'.
+    rows: Path | list[Path]
+    # File to write the Markdown tables to, besides printing them.
     output: Path | None = None
+    # File for the same figures as CSV.
+    csv: Path | None = None
+    # File for one HTML page with tables and plots, which needs no other file.
+    html: Path | None = None
+    # Whether the paper's own figures stand beside ours.
+    paper: bool = False
 
 
 @parser.wrap()
 def write_report(config: ReportConfig) -> None:
-    """Print the tables of a benchmark, and write them if asked."""
-    if not config.rows.is_dir():
-        raise FileNotFoundError(f"{config.rows} is no folder: --rows takes the --output_dir of gloves bench")
-    text = report(read_rows(config.rows))
+    """Print the tables of a benchmark, and write what is asked for."""
+    folders = config.rows if isinstance(config.rows, list) else [config.rows]
+    for folder in folders:
+        if not folder.is_dir():
+            raise FileNotFoundError(f"{folder} is no folder: --rows takes the --output_dir of gloves bench")
+    rows = [row for folder in folders for row in read_rows(folder)]
+    text = report(rows, paper=config.paper)
     print(text, end="")
     if config.output is not None:
-        config.output.parent.mkdir(parents=True, exist_ok=True)
-        config.output.write_text(text)
+        _write(config.output, text)
+    if config.csv is not None:
+        _write(config.csv, report_csv(rows, paper=config.paper))
+    if config.html is not None:
+        from lerobot_gloves.benchmark.report_html import report_html  # matplotlib takes a second to import
+
+        _write(config.html, report_html(rows, paper=config.paper))
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"cannot write {file}: {error.strerror}") from error
 
 
 def main() -> None:

@@ -1,19 +1,18 @@
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from lerobot_gloves.benchmark.rows import read_rows
 from lerobot_gloves.commands import main
 
-QUICK = ["--env.type=gloves_slalom", "--env.episode_length=20", "--episodes=3"]
+QUICK = ["--env.type=gloves_slalom", "--env.episode_length=20", "--episodes=3", "--num_workers=1"]
 
 
 @pytest.fixture
@@ -65,6 +64,7 @@ def test_bench_then_report(
     printed = capsys.readouterr().out
     rows = read_rows(tmp_path / "rows")
     assert len(rows) == 8
+    assert {file.suffix for file in (tmp_path / "rows").iterdir()} == {".json"}, "no locks, no parts"
     assert [episode["seed"] for episode in rows[-1]["episodes"]] == [10100, 10101, 10102]
     assert printed.startswith("## gloves_slalom, test split")
 
@@ -93,7 +93,7 @@ def test_running_again_runs_what_is_missing(
             "unknown perturbation 'nosied': choose from laggy, noised, none, shift, slow",
         ),
         ('--perturbations=["noised:std=1"]', "perturbation 'noised' has no option 'std': choose from sigma"),
-        ("--methods=[none, feg]", "unknown method 'feg': choose from feeg, fpas, none"),
+        ("--methods=[none, feg]", "unknown method 'feg': choose from feeg, fpas, ifae, none"),
         ('--methods=["feeg:start=2"]', "FEEG: start is 2.0, but must lie in [0, 1]"),
         ("--methods=[none+gate]", "nothing that a gate could hold back"),
         ("--methods=[]", "methods is empty"),
@@ -130,6 +130,188 @@ def test_a_failed_cell_stops_no_other(
     assert said == "gloves bench: 1 cell(s) failed, see above; run the command again to try only those"
     assert "shift:dim=7 / none / seed 0 failed: ValueError: Shift: dim is 7" in capsys.readouterr().err
     assert [row["cell"]["perturbation"] for row in read_rows(tmp_path / "rows")] == ["none"]
+
+
+FILE = """
+episodes: 3
+num_workers: 1
+tasks:
+  short:
+    env: {{type: gloves_slalom, episode_length: 20}}
+    agent: {agent}
+    perturbations: {{none: none, noised: "noised:sigma=0.005"}}
+    methods:
+      agent: {{editor: none}}
+      FEEG+gate: {{adapter: {adapter}, editor: "feeg:start=0.5", gate: true}}
+  shorter:
+    env: {{type: gloves_slalom, episode_length: 12}}
+    agent: {agent}
+    perturbations: {{noised: "noised:sigma=0.01"}}
+    methods:
+      FEEG: {{adapter: {adapter}, editor: "feeg:start=0.2", alpha: 0.2}}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path, agent: str, adapter: str) -> list[str]:
+    """Options of a matrix of two tasks."""
+    path = tmp_path / "bench.yaml"
+    path.write_text(FILE.format(agent=agent, adapter=adapter))
+    return [f"--config_path={path}", f"--output_dir={tmp_path / 'rows'}"]
+
+
+def test_a_file_of_two_tasks(
+    tmp_path: Path, file: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert gloves(monkeypatch, "bench", *file) == ""
+    printed = capsys.readouterr().out
+    rows = read_rows(tmp_path / "rows")
+    assert {
+        file.stem: row["conditions"]["method"]
+        for file, row in zip(sorted((tmp_path / "rows").iterdir()), rows, strict=True)
+    } == {
+        "short__none__agent__seed0": "none",
+        "short__none__FEEG+gate__seed0": "feeg:start=0.5,steps=10,align=1.0+gate",
+        "short__noised__agent__seed0": "none",
+        "short__noised__FEEG+gate__seed0": "feeg:start=0.5,steps=10,align=1.0+gate",
+        "shorter__noised__FEEG__seed0": "feeg:start=0.2,steps=10,align=1.0",
+    }
+    shorter = next(row for row in rows if row["cell"]["task"] == "shorter")
+    assert shorter["cell"] == {
+        "task": "shorter",
+        "perturbation": "noised:sigma=0.01",
+        "perturbation_label": "noised",
+        "method": "feeg:start=0.2",
+        "label": "FEEG",
+        "seed": 0,
+    }
+    assert (shorter["conditions"]["alpha"], shorter["conditions"]["env"]["episode_length"]) == (0.2, 12)
+    assert {episode["steps"] for episode in shorter["episodes"]} == {12}
+    assert "FEEG+gate" in printed and "FEEG:" in printed
+
+
+def test_options_select_and_override_what_a_file_says(
+    tmp_path: Path, file: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = ["--perturbations=[noised]", "--methods=[FEEG]", "--seeds=[2]", "--tasks.shorter.methods.FEEG.alpha=0.3"]
+    assert gloves(monkeypatch, "bench", *file, *options) == ""
+    (row,) = read_rows(tmp_path / "rows")
+    assert (row["cell"]["task"], row["cell"]["seed"], row["conditions"]["alpha"]) == ("shorter", 2, 0.3)
+
+
+def test_a_cell_alone_is_the_cell_in_its_matrix(
+    tmp_path: Path, file: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever was played before it in the same process, and played twice."""
+    assert gloves(monkeypatch, "bench", *file) == ""
+    together = without_times(read_rows(tmp_path / "rows"))
+    for attempt in ("alone", "again"):
+        folder = tmp_path / attempt
+        only = ["--perturbations=[noised]", "--methods=[FEEG+gate]", f"--output_dir={folder}"]
+        assert gloves(monkeypatch, "bench", *file, *only) == ""
+        (row,) = without_times(read_rows(folder))
+        assert row in together
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--methods=[FEG]"], "no task has a method 'FEG': choose from FEEG, FEEG+gate, agent"),
+        (["--perturbations=[noisy]"], "no task has a perturbation 'noisy': choose from noised, none"),
+        (["--agent=a"], "agent is for a task without a file: override a file's tasks by options such as --tasks."),
+        (["--alpha=0.1"], "alpha is for a task without a file"),
+        (["--tasks.short.methods.FEEG+gate.editor=feg"], "unknown method 'feg': choose from feeg, fpas, ifae, none"),
+        (["--tasks.short.methods.FEEG+gate.adapter=no/thing"], "--adapter=no/thing is no checkpoint's folder"),
+        (
+            ["--tasks.short.methods.FEEG+gate.gat=true"],
+            "tasks.short.methods.FEEG+gate has no key 'gat': choose from adap",
+        ),
+        (["--tasks.short.methods.FEEG+gate.options={adapter_map: {}}"], "no adapter option 'adapter_map': choose from"),
+        (["--tasks.short.methods.FEEG+gate.gate=7"], "Couldn't parse '7' into a bool"),
+        (["--tasks.short.env.obs_type=touch"], "Slalom has no obs_type 'touch'"),
+        (["--tasks.short.env.obs_typ=touch"], "The fields `obs_typ` are not valid for SlalomEnv"),
+        (["--executor=spark"], "unknown executor 'spark': choose from local, ray"),
+        (["--address=auto"], "address and num_gpus are for --executor=ray"),
+        (["--choose=x.yaml"], "choose is for a search, but no method has settings to choose from"),
+        (["--config_path=none.yaml"], "there is no file none.yaml"),
+    ],
+)
+def test_wrong_files_and_options_are_refused_in_one_line(
+    tmp_path: Path,
+    file: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    message: str,
+) -> None:
+    said = gloves(monkeypatch, "bench", *options, *file)
+    errors = capsys.readouterr().err
+    assert message in said + errors
+    assert "\n" not in (said + errors).strip()
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_without_a_task_there_is_nothing_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = gloves(monkeypatch, "bench", f"--output_dir={tmp_path}", "--agent=a")
+    assert said == "gloves bench: name the tasks in a file, --config_path=FILE, or one by --env.type and --agent"
+
+
+def test_ray_is_an_extra(options: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    said = gloves(monkeypatch, "bench", *options, "--executor=ray")
+    assert said == (
+        "gloves bench: --executor=ray needs Ray, which is an extra: pip install 'lerobot_policy_gloves[ray]'"
+    )
+
+
+def test_a_full_disk_ends_the_run_and_keeps_rows(
+    tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fsync, written = os.fsync, []
+
+    def full(opened: int) -> None:
+        if written:
+            raise OSError(28, "No space left on device")
+        written.append(fsync(opened))
+
+    monkeypatch.setattr("os.fsync", full)
+    said = gloves(monkeypatch, "bench", *options, "--seeds=[0, 1, 2]")
+    assert said.startswith("gloves bench: [Errno 28] No space left on device: '")
+    assert said.endswith("seed1.json'; finished cells are kept: run the command again to go on")
+    assert [file.name for file in (tmp_path / "rows").iterdir()] == ["gloves_slalom__none__none__seed0.json"]
+    monkeypatch.undo()
+    assert gloves(monkeypatch, "bench", *options, "--seeds=[0, 1, 2]") == ""
+    assert len(read_rows(tmp_path / "rows")) == 3
+
+
+def test_search(
+    tmp_path: Path, file: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two settings on validation seeds; what is chosen goes into the matrix on test seeds."""
+    search, chosen = tmp_path / "search.yaml", tmp_path / "chosen.yaml"
+    text = (tmp_path / "bench.yaml").read_text()
+    gated = 'editor: "feeg:start=0.5", gate: true'
+    settings = 'gate: true, settings: [{editor: "feeg:start=0.5"}, {editor: "feeg:start=0.9", alpha: 0.2}]'
+    search.write_text(text.replace(gated, settings))
+    options = [f"--config_path={search}", f"--output_dir={tmp_path / 'search'}", f"--choose={chosen}"]
+    assert gloves(monkeypatch, "bench", *options) == (
+        "gloves bench: a search on the test split: settings are chosen with --split=validation"
+    )
+    assert gloves(monkeypatch, "bench", *options, "--split=validation", "--methods=[FEEG+gate]") == ""
+    printed = capsys.readouterr().out
+    assert printed.startswith("short, FEEG+gate: success in % on validation seeds, best first.")
+    assert {episode["seed"] for row in read_rows(tmp_path / "search") for episode in row["episodes"]} == {
+        20000,
+        20001,
+        20002,
+    }
+    assert gloves(monkeypatch, "bench", *file, f"--chosen={chosen}", "--methods=[FEEG+gate]") == ""
+    rows = read_rows(tmp_path / "rows")
+    best = next(line.split("|")[1].strip() for line in printed.splitlines() if line.startswith("| feeg"))
+    for row in rows:
+        assert row["cell"]["method"] == best.partition(",")[0] + "+gate"
+        assert row["conditions"]["alpha"] == (0.2 if "alpha 0.2" in best else 0.05)
+    assert [row["episodes"][0]["seed"] for row in rows] == [10000, 10000]
 
 
 def test_report_of_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,16 +355,36 @@ def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[s
 
 
 @pytest.mark.slow
-def test_a_killed_worker_ends_the_run_and_keeps_rows(
-    tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def kill_one() -> None:
-        while not list((tmp_path / "rows").glob("*.json")):
-            time.sleep(0.05)
-        multiprocessing.active_children()[0].kill()
+def test_a_killed_worker_costs_nothing(tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By kill -9, twice; two workers do what one does, and none of them is left."""
+    matrix = ["--perturbations=[noised]", '--methods=[none, "feeg+gate"]', f"--seeds={list(range(10))}"]
+    process = start("bench", *options, *matrix, "--num_workers=2")
+    for count in (1, 4):
+        wait_for_rows(process, tmp_path / "rows", count)
+        children = [
+            child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())
+        ]
+        assert len(children) == 2
+        children[0].kill()
+    _, errors = process.communicate(timeout=500)
+    assert process.returncode == 0, errors
+    assert "its worker was killed by signal 9 (SIGKILL); it is played again" in errors
+    finished = read_rows(tmp_path / "rows")
+    assert len(finished) == 20
+    alone = tmp_path / "alone"
+    assert gloves(monkeypatch, "bench", *options, *matrix, f"--output_dir={alone}") == ""
+    assert without_times(finished) == without_times(read_rows(alone))
 
-    threading.Thread(target=kill_one, daemon=True).start()
-    said = gloves(monkeypatch, "bench", *options, f"--seeds={list(range(100))}", "--num_workers=2")
-    assert said.startswith("gloves bench: a worker process was killed, perhaps for memory; finished cells are kept")
-    assert 0 < len(read_rows(tmp_path / "rows")) < 100
-    assert multiprocessing.active_children() == []
+
+@pytest.mark.slow
+def test_two_runs_at_the_same_time_share_the_cells(tmp_path: Path, options: list[str]) -> None:
+    """Every row's file is written once."""
+    seeds = f"--seeds={list(range(30))}"
+    runs = [start("bench", *options, seeds) for _ in range(2)]
+    written: set[tuple[str, int]] = set()
+    while any(run.poll() is None for run in runs):
+        written |= {(file.name, file.stat().st_ino) for file in (tmp_path / "rows").glob("*.json")}
+        time.sleep(0.01)
+    assert [run.communicate()[1] for run in runs if run.returncode] == []
+    assert len(written) == len(read_rows(tmp_path / "rows")) == 30
+    assert {file.suffix for file in (tmp_path / "rows").iterdir()} == {".json"}

@@ -1,5 +1,6 @@
 """The loop plays LeRobot's episodes, and says how they failed and what was edited in them."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -10,9 +11,11 @@ from lerobot.envs import close_envs, make_env
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import eval_policy
 
-from lerobot_gloves.benchmark.cell import Cell, Setup, load, run
-from lerobot_gloves.benchmark.rollout import rollout
+from lerobot_gloves.benchmark.cell import Cell, Setup, environment, load, run
+from lerobot_gloves.benchmark.histogram import edge
+from lerobot_gloves.benchmark.rollout import Episode, count_chunks, rollout
 from lerobot_gloves.tasks.slalom import SlalomEnv
+from lerobot_gloves.tasks.slalom.environment import Slalom
 from tests.benchmark.conftest import RIGHTMOST_SEED
 
 
@@ -126,3 +129,47 @@ def test_an_environment_that_names_no_failures() -> None:
     assert [episode.steps for episode in episodes] == [2, 3, 4, 6]
     assert [episode.success for episode in episodes] == [False, False, True, False]
     assert [episode.failure for episode in episodes] == ["failed", "timeout", "", "timeout"]
+
+
+def test_scores_are_kept_by_what_became_of_their_chunk(agent: str, adapter: str) -> None:
+    gated = run(setup_of(agent, adapter), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", seed=0))
+    for episode in gated:
+        assert sum(episode.scores_edited.values()) == episode.edited
+        assert sum(episode.scores_left.values()) == episode.chunks - episode.edited
+    left = [int(number) for episode in gated for number in episode.scores_left]
+    edited = [int(number) for episode in gated for number in episode.scores_edited]
+    assert max(left) <= min(edited), "the gate's threshold lies between them"
+    ungated = run(setup_of(agent, adapter), Cell("noised:sigma=0.005", "feeg:start=0.5", seed=0))
+    assert not any(episode.scores_left or episode.scores_edited for episode in ungated)
+
+
+def test_the_bins_of_an_episode_are_those_of_its_scores() -> None:
+    episodes = [Episode(seed=0), Episode(seed=1)]
+    for scores in ([3.0, 100.0], [3.1, 0.0]):
+        correction = SimpleNamespace(
+            edited=torch.tensor([False, scores[1] > 50]),
+            distance=torch.zeros(2),
+            evaluations=torch.ones(2),
+            score=torch.tensor(scores),
+            milliseconds=1.0,
+        )
+        count_chunks(episodes, np.array([True, True]), correction)
+    ((number, count),) = episodes[0].scores_left.items()
+    assert count == 2 and edge(int(number)) <= 3.0 < 3.1 < edge(int(number) + 1)
+    assert list(episodes[1].scores_left) == ["0"]
+    ((number, count),) = episodes[1].scores_edited.items()
+    assert count == 1 and edge(int(number)) <= 100 < edge(int(number) + 1)
+
+
+def test_a_watcher_sees_every_step_before_it_is_taken(agent: str) -> None:
+    setup = Setup(env=SlalomEnv(episode_length=6), agent=agent, episodes=2, batch_size=2)
+    policy, prepare, finish = load(setup, Cell("none", "none", seed=0))
+    seen: list[np.ndarray] = []
+    with environment(setup) as env:
+        rollout(
+            env, policy, prepare, finish, [10000, 10001], lambda observation, _: seen.append(observation["agent_pos"])
+        )
+    assert len(seen) == 6
+    first, _ = Slalom().reset(seed=10000)
+    assert np.array_equal(seen[0][0], first["agent_pos"])
+    assert not np.array_equal(seen[0], seen[1])

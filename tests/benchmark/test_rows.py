@@ -1,12 +1,13 @@
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from lerobot_gloves.benchmark.cell import Cell, Setup
 from lerobot_gloves.benchmark.rollout import Episode
-from lerobot_gloves.benchmark.rows import checkpoint_hash, conditions, finished_cells, read_rows, write_row
+from lerobot_gloves.benchmark.rows import Job, checkpoint_hash, finished_cells, make_row, plan, read_rows, write_row
 from lerobot_gloves.tasks.slalom import SlalomEnv
 
 RAW, GATED = Cell("none", "none", 0), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", 1)
@@ -17,9 +18,13 @@ def setup(agent: str, adapter: str) -> Setup:
     return Setup(env=SlalomEnv(), agent=agent, adapter=adapter, episodes=2)
 
 
+def planned(setup: Setup, *cells: Cell) -> list[Job]:
+    return plan((setup, cell) for cell in cells)
+
+
 def write(folder: Path, setup: Setup, cell: Cell) -> None:
-    here = conditions(setup, [cell])[cell]
-    write_row(folder, setup, cell, conditions=here, seconds=1.0, episodes=[Episode(10000), Episode(10001)])
+    (job,) = planned(setup, cell)
+    write_row(folder, make_row(job, seconds=1.0, episodes=[Episode(10000), Episode(10001)]))
 
 
 def test_a_row_comes_back_with_all_that_it_takes_to_repeat_it(tmp_path: Path, setup: Setup) -> None:
@@ -58,12 +63,12 @@ def test_a_failed_write_leaves_no_row(tmp_path: Path, setup: Setup, monkeypatch:
         raise OSError(28, "No space left on device")
 
     write(tmp_path, setup, RAW)
-    before = read_rows(tmp_path)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
     monkeypatch.setattr("os.fsync", full)
     for cell in (RAW, GATED):
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match=rf"No space left on device: '.*{cell.method[:4]}.*\.json'"):
             write(tmp_path, setup, cell)
-    assert read_rows(tmp_path) == before
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 def test_a_checkpoint_is_its_content(tmp_path: Path, adapter: str) -> None:
@@ -79,10 +84,10 @@ def test_a_checkpoint_is_its_content(tmp_path: Path, adapter: str) -> None:
 
 
 def test_finished_cells_are_those_with_a_row(tmp_path: Path, setup: Setup) -> None:
-    assert finished_cells(tmp_path, conditions(setup, [RAW, GATED])) == set()
+    assert finished_cells(tmp_path, planned(setup, RAW, GATED)) == set()
     write(tmp_path, setup, GATED)
-    assert finished_cells(tmp_path, conditions(setup, [RAW, GATED])) == {GATED}
-    assert finished_cells(tmp_path, conditions(setup, [RAW])) == set()
+    assert finished_cells(tmp_path, planned(setup, RAW, GATED)) == {GATED}
+    assert finished_cells(tmp_path, planned(setup, RAW)) == set()
 
 
 @pytest.mark.parametrize(
@@ -102,13 +107,13 @@ def test_rows_made_otherwise_are_refused(
     write(tmp_path, setup, GATED)
     other = Setup(**{**vars(setup), **options})
     with pytest.raises(ValueError, match=rf"holds a row of noised.*seed 1 made with .*{difference}.*choose another"):
-        finished_cells(tmp_path, conditions(other, [cell]))
+        finished_cells(tmp_path, planned(other, cell))
 
 
 def test_what_does_not_concern_a_row_may_differ(tmp_path: Path, setup: Setup) -> None:
     """The raw agent's rows have no adapter, alpha or score."""
     write(tmp_path, Setup(**{**vars(setup), "adapter": None, "alpha": 0.3}), RAW)
-    assert finished_cells(tmp_path, conditions(setup, [RAW, GATED])) == {RAW}
+    assert finished_cells(tmp_path, planned(setup, RAW, GATED)) == {RAW}
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"cell": {"seed": 1}}', "[1]"])
@@ -116,6 +121,33 @@ def test_a_file_that_is_no_row_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "notes.json").write_text(text)
     with pytest.raises(ValueError, match=r"notes\.json is not a row of gloves bench"):
         read_rows(tmp_path)
+
+
+def test_labels_name_what_is_compared(tmp_path: Path, setup: Setup) -> None:
+    """Two methods under one label, or the same perturbation at two strengths, would stand in one column or line."""
+    named = replace(GATED, task="slalom", perturbation_label="noised", label="FEEG+gate")
+    write(tmp_path, setup, named)
+    (file,) = tmp_path.iterdir()
+    assert file.name == "slalom__noised__FEEG+gate__seed1.json"
+    assert read_rows(tmp_path)[0]["cell"] == {
+        "task": "slalom",
+        "perturbation": "noised:sigma=0.005",
+        "perturbation_label": "noised",
+        "method": "feeg:start=0.5+gate",
+        "label": "FEEG+gate",
+        "seed": 1,
+    }
+    assert finished_cells(tmp_path, planned(setup, named, RAW)) == {named}
+    for other in (replace(named, method="feeg:start=0.4+gate"), replace(named, perturbation="noised:sigma=0.1")):
+        for seed in (1, 2):
+            with pytest.raises(ValueError, match="choose another --output_dir"):
+                finished_cells(tmp_path, planned(setup, replace(other, seed=seed)))
+        assert finished_cells(tmp_path, planned(setup, replace(other, task="another"))) == set()
+
+
+def test_cells_of_one_name_are_refused(setup: Setup) -> None:
+    with pytest.raises(ValueError, match="have the same name: label them differently"):
+        planned(setup, replace(RAW, label="a b"), replace(GATED, label="a_b", perturbation="none", seed=0))
 
 
 def test_rows_are_plain_json(tmp_path: Path, setup: Setup) -> None:

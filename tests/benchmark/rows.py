@@ -1,0 +1,40 @@
+"""Rows of a benchmark, made by hand."""
+
+from typing import Any
+
+SHARED = {
+    "env": {"type": "gloves_slalom", "task": "Slalom-v0", "obs_type": "state", "mode": None},
+    "agent": "a" * 64,
+    "split": "test",
+    "episodes": 4,
+    "batch_size": 4,
+}
+
+
+def row(perturbation: str, method: str, seed: int, successes: list[int], **facts: Any) -> dict[str, Any]:
+    """A row whose episodes succeed as told; the facts are every episode's."""
+    own = {} if method == "none" else {"score": "reverse:steps=1", "alpha": 0.05, "adapter": "b" * 64}
+    episodes = [
+        {"seed": 10000 + 100 * seed + i, "success": bool(s), "failure": "" if s else "collision", "steps": 50, **facts}
+        for i, s in enumerate(successes)
+    ]
+    return {
+        "cell": {"perturbation": perturbation, "method": method, "seed": seed},
+        "conditions": {**SHARED, "perturbation": perturbation, "method": method, **own},
+        "checkpoints": {"agent": "my/agent", "adapter": "my/adapter"},
+        "episodes": episodes,
+    }
+
+
+def labelled(row: dict[str, Any], **cell: str) -> dict[str, Any]:
+    """The same row with names in its cell."""
+    return row | {"cell": row["cell"] | cell}
+
+
+ROWS = [
+    row("slow", "feeg+gate", 1, [1, 1, 1, 0], chunks=10, edited=2, distance=0.1, milliseconds=3.0, evaluations=5.0),
+    row("slow", "feeg+gate", 0, [1, 1, 0, 0], chunks=5, edited=4, distance=0.4, milliseconds=6.0, evaluations=11.0),
+    row("slow", "none", 0, [0, 1, 0, 0]),
+    row("slow", "none", 1, [0, 0, 1, 0]),
+    row("none", "none", 0, [1, 1, 1, 1]),
+]

@@ -1,0 +1,75 @@
+"""What a cell's method becomes in the wrapper, and which methods an adapter allows."""
+
+from typing import Any
+
+import pytest
+from lerobot.policies import get_policy_class, make_policy_config
+
+from lerobot_gloves.benchmark.cell import Cell, Setup, load, resolve_method, run
+from lerobot_gloves.tasks.slalom import SlalomEnv
+from tests.builders import FLOW, features, save_policy
+
+
+def setup_of(agent: str, adapter: str, **options: Any) -> Setup:
+    return Setup(env=SlalomEnv(episode_length=20), agent=agent, adapter=adapter, episodes=2, **options)
+
+
+@pytest.fixture(scope="module")
+def diffusion(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """An adapter without scores."""
+    inputs, outputs = features()
+    small = {key: value for key, value in FLOW.items() if key != "num_inference_steps"}
+    config = make_policy_config("ddpm_assist", input_features=inputs, output_features=outputs, device="cpu", **small)
+    policy = get_policy_class("ddpm_assist")(config)
+    return str(save_policy(tmp_path_factory.mktemp("diffusion"), "ddpm_assist", policy=policy))
+
+
+def test_defaults_are_the_adapters_first(agent: str, adapter: str) -> None:
+    assert resolve_method(setup_of(agent, adapter), "feeg+gate") == {
+        "method": "feeg:start=0.5,steps=10,align=1.0+gate",
+        "score": "reverse:steps=1",
+        "alpha": 0.05,
+    }
+    assert (
+        resolve_method(setup_of(agent, adapter, score="reverse:steps=5", alpha=0.2), "feeg")["score"]
+        == "reverse:steps=5"
+    )
+
+
+def test_an_adapter_without_scores(agent: str, diffusion: str) -> None:
+    found = resolve_method(setup_of(agent, diffusion), "ddpm:gamma=0.3")
+    assert found == {"method": "ddpm:gamma=0.3", "score": None, "alpha": None}
+    for setup, method in (
+        (setup_of(agent, diffusion), "ddpm+gate"),
+        (setup_of(agent, diffusion, score="reverse"), "ddpm"),
+    ):
+        with pytest.raises(ValueError, match="a policy of type 'ddpm_assist' has no scores, and so no gate: leave out"):
+            resolve_method(setup, method)
+    episodes = run(setup_of(agent, diffusion), Cell("none", "ddpm:gamma=0.3", 0))
+    assert all(episode.edited == episode.chunks > 0 for episode in episodes)
+
+
+def test_options_reach_the_wrapper_with_the_perturbations_name(agent: str, adapter: str) -> None:
+    options = {"adapter_overrides": ["--agent_source={perturbation}"], "adapter_rename_map": {"a": "b"}}
+    setup = setup_of(agent, adapter, options=options)
+    for perturbation, name in (("noised:sigma=0.01", "noised"), ("slow", "slow"), ("none", "none")):
+        policy, _, _ = load(setup, Cell(perturbation, "feeg", 0))
+        assert policy.config.adapter_overrides == [f"--agent_source={name}"]
+        assert policy.config.adapter_rename_map == {"a": "b"}
+    # A column has one description, whatever the line.
+    assert resolve_method(setup, "feeg")["options"] == options
+    with pytest.raises(
+        ValueError, match="no adapter option 'adapter_map': choose from adapter_overrides, adapter_rename"
+    ):
+        resolve_method(setup_of(agent, adapter, options={"adapter_map": {}}), "feeg")
+
+
+def test_the_raw_agent_has_no_adapter(agent: str, adapter: str) -> None:
+    policy, _, _ = load(setup_of(agent, adapter, score="reverse:steps=5"), Cell("none", "none", 0))
+    assert (policy.config.adapter, policy.config.score, policy.config.gate) == (None, None, False)
+
+
+@pytest.mark.parametrize("seed", [-1, 100])
+def test_a_split_has_room_for_a_hundred_seeds(seed: int) -> None:
+    with pytest.raises(ValueError, match=f"seed is {seed}, but must lie between 0 and 99"):
+        Cell("none", "none", seed)

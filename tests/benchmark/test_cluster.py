@@ -1,0 +1,86 @@
+"""Ray: two machines' worth of it on this one."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from lerobot_gloves.benchmark.rows import read_rows
+from tests.benchmark.test_bench import QUICK, gloves, start, wait_for_rows, without_times
+
+
+def descendants() -> list[psutil.Process]:
+    return psutil.Process().children(recursive=True)
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """Two nodes of one core each, of which nothing is left."""
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    try:
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "num_gpus": 1})
+        cluster.add_node(num_cpus=1, num_gpus=1)
+        cluster.wait_for_nodes()
+        assert descendants()
+        yield cluster
+        cluster.shutdown()
+        _, alive = psutil.wait_procs(descendants(), timeout=60)
+        assert not alive
+    finally:
+        for process in descendants():
+            process.kill()
+
+
+def players() -> list[psutil.Process]:
+    """Ray's processes that play a cell at the moment; their parents are the nodes."""
+    found = []
+    for child in descendants():
+        try:
+            if " ".join(child.cmdline()).startswith("ray::play_there"):
+                found.append(child)
+        except psutil.Error:
+            continue
+    return found
+
+
+@pytest.mark.slow
+def test_a_worker_killed_on_two_nodes_costs_nothing(
+    tmp_path: Path, agent: str, adapter: str, cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Relative paths of checkpoints and all; rows are those of one local process."""
+    monkeypatch.chdir(Path(agent).parent)
+    options = [*QUICK, f"--agent={Path(agent).name}", f"--adapter={adapter}"]
+    matrix = ["--perturbations=[noised]", '--methods=[none, "feeg+gate"]', f"--seeds={list(range(20))}"]
+    ray = ["--executor=ray", f"--address={cluster.address}", "--num_workers=2", "--num_gpus=0.5"]
+    process = start("bench", *options, *matrix, *ray, f"--output_dir={tmp_path / 'rows'}")
+    wait_for_rows(process, tmp_path / "rows", 3)
+    nodes: set[int] = set()
+    while process.poll() is None and len(nodes) < 2:
+        nodes |= {player.ppid() for player in players()}
+    assert len(nodes) == 2, "both play"
+    while process.poll() is None:
+        if playing := players():
+            playing[0].kill()
+            break
+        time.sleep(0.01)
+    printed, errors = process.communicate(timeout=500)
+    assert process.returncode == 0, errors
+    assert "its worker is gone (WorkerCrashedError); it is played again" in errors
+    assert printed.startswith("## ")
+    rows = read_rows(tmp_path / "rows")
+    assert len(rows) == 40
+    assert gloves(monkeypatch, "bench", *options, *matrix, f"--output_dir={tmp_path / 'local'}") == ""
+    assert without_times(rows) == without_times(read_rows(tmp_path / "local"))
+
+
+def test_nobody_at_an_address(tmp_path: Path, agent: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ray")
+    ray = ["--executor=ray", "--address=127.0.0.1:1", f"--output_dir={tmp_path / 'rows'}"]
+    said = gloves(monkeypatch, "bench", *QUICK, f"--agent={agent}", *ray)
+    assert said.startswith("gloves bench: there is no Ray cluster at 127.0.0.1:1: ")
+    assert "\n" not in said

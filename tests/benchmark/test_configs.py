@@ -1,0 +1,76 @@
+"""The shipped matrices: valid to the last option, though their checkpoints are not here."""
+
+from pathlib import Path
+
+import draccus
+import pytest
+from lerobot.policies import get_policy_class
+
+import lerobot_policy_gloves  # noqa: F401, registers the policies
+from lerobot_gloves.benchmark.cell import Setup, resolve_perturbation
+from lerobot_gloves.benchmark.file import complete
+from lerobot_gloves.benchmark.matrix import MOST_SETTINGS, cells
+from lerobot_gloves.benchmark.paper import COLUMNS
+from lerobot_gloves.benchmark.search import check_search
+from lerobot_gloves.commands.bench import BenchConfig
+from lerobot_gloves.specification import parse
+
+BASELINES = ("DDPM", "CSA")
+BENCH = Path(__file__).parents[2] / "configs" / "bench"
+TYPES = {
+    "expert_flow": "gloves_expert_flow",
+    "align_flow": "gloves_align_flow",
+    "ddpm_assist": "ddpm_assist",
+    "csa_student": "csa_assist",
+}
+
+
+def read(name: str) -> BenchConfig:
+    arguments = complete([f"--config_path={BENCH / name}", "--output_dir=x"], BenchConfig)
+    return draccus.parse(BenchConfig, config_path=BENCH / name, args=[a for a in arguments if "config_path" not in a])
+
+
+def check(setup: Setup, method: str) -> None:
+    """The editor and the score are the adapter's, whose type its folder's name tells."""
+    if setup.adapter is None:
+        assert method == "none"
+        return
+    adapter = get_policy_class(TYPES[Path(setup.adapter).parts[2]])
+    parse(method.removesuffix("+gate"), adapter.editors, "method")
+    if adapter.scores:
+        parse(setup.score or next(iter(adapter.scores)), adapter.scores, "score")
+    else:
+        assert setup.score is None and not method.endswith("+gate")
+
+
+@pytest.mark.parametrize("name", ["slalom.yaml", "slalom_search.yaml"])
+def test_every_cell_is_valid(name: str) -> None:
+    config = read(name)
+    shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
+    seen = set()
+    for setup, cell in cells(config.matrix(), config.seeds, **shared):
+        resolve_perturbation(cell.perturbation)
+        if (cell.task, cell.column) not in seen:
+            check(setup, cell.method)
+        seen.add((cell.task, cell.column))
+
+
+def test_the_benchmark_has_the_papers_columns_on_ten_seeds() -> None:
+    config = read("slalom.yaml")
+    assert list(config.tasks["slalom"].methods) == list(COLUMNS)
+    assert (config.seeds, config.episodes, config.split) == (list(range(10)), 30, "test")
+
+
+def test_the_search_gives_no_method_more_than_the_baselines() -> None:
+    config, benchmark = read("slalom_search.yaml"), read("slalom.yaml")
+    task = config.tasks["slalom"]
+    assert check_search(config.tasks, config.split, config.seeds, config.episodes)
+    assert len(config.seeds) * config.episodes == 60
+    for label, method in task.methods.items():
+        if label in BASELINES:
+            assert len(method.settings) == MOST_SETTINGS, label
+        assert (label == COLUMNS[0]) == (not method.settings), label
+        # What is chosen here is for the same method there.
+        other = benchmark.tasks["slalom"].methods[label]
+        assert (method.adapter, method.gate, method.options) == (other.adapter, other.gate, other.options)
+    assert task.perturbations.items() <= benchmark.tasks["slalom"].perturbations.items()

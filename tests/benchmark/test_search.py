@@ -1,0 +1,92 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from lerobot_gloves.benchmark.file import merged
+from lerobot_gloves.benchmark.matrix import Method, Setting, Task
+from lerobot_gloves.benchmark.search import check_search, describe, ranking, write_chosen
+from lerobot_gloves.tasks.slalom import SlalomEnv
+
+SETTINGS = [
+    Setting(editor="feeg:start=0.1"),
+    Setting(editor="feeg:start=0.2", alpha=0.1),
+    Setting(editor="feeg:start=0.3"),
+]
+TASK = Task(
+    env=SlalomEnv(),
+    agent="a",
+    perturbations={"noised": "noised:sigma=0.005", "slow": "slow"},
+    methods={"agent": Method(), "FEEG+gate": Method(adapter="b", gate=True, settings=SETTINGS)},
+)
+TASKS = {"slalom": TASK}
+
+
+def row(perturbation: str, column: str, successes: list[int], seed: int = 0) -> dict[str, Any]:
+    """As the matrix labels them: what is called what it is has no label."""
+    label = perturbation if TASK.perturbations[perturbation] != perturbation else ""
+    cell = {"task": "slalom", "perturbation": TASK.perturbations[perturbation], "perturbation_label": label}
+    episodes = [{"seed": i, "success": bool(success)} for i, success in enumerate(successes)]
+    return {"cell": {**cell, "method": "...", "label": column, "seed": seed}, "episodes": episodes}
+
+
+ROWS = [
+    row("noised", "FEEG+gate (feeg:start=0.1)", [1, 0, 0, 0]),
+    row("slow", "FEEG+gate (feeg:start=0.1)", [1, 1, 1, 0]),
+    row("noised", "FEEG+gate (feeg:start=0.2, alpha 0.1)", [1, 1], seed=0),
+    row("noised", "FEEG+gate (feeg:start=0.2, alpha 0.1)", [1, 0], seed=1),
+    row("slow", "FEEG+gate (feeg:start=0.2, alpha 0.1)", [1, 1, 0, 0]),
+    row("noised", "FEEG+gate (feeg:start=0.3)", [1, 1, 1, 1]),
+    row("noised", "agent", [1, 1, 1, 1]),
+]
+
+
+def test_ranked_by_the_mean_over_perturbations() -> None:
+    """25 and 75 %; 75 and 50 %; the third was not finished, and the raw agent has nothing to choose."""
+    found = ranking(TASKS, ROWS)
+    assert list(found) == [("slalom", "FEEG+gate")]
+    first, second = found["slalom", "FEEG+gate"]
+    assert (first.setting, first.success, first.mean) == (SETTINGS[1], {"noised": 0.75, "slow": 0.5}, 0.625)
+    assert (second.setting, second.success, second.mean) == (SETTINGS[0], {"noised": 0.25, "slow": 0.75}, 0.5)
+
+
+def test_what_is_equal_stays_in_the_order_of_the_file() -> None:
+    rows = [
+        row(line, f"FEEG+gate ({setting})", [1, 0]) for setting in reversed(SETTINGS) for line in TASK.perturbations
+    ]
+    assert [one.setting for one in ranking(TASKS, rows)["slalom", "FEEG+gate"]] == SETTINGS
+
+
+def test_description() -> None:
+    lines = describe(ranking(TASKS, ROWS)).splitlines()
+    assert lines[0] == "slalom, FEEG+gate: success in % on validation seeds, best first."
+    assert [[cell.strip() for cell in line.strip("|").split("|")] for line in (lines[2], *lines[4:])] == [
+        ["setting", "mean", "noised", "slow"],
+        ["feeg:start=0.2, alpha 0.1", "62.5", "75.0", "50.0"],
+        ["feeg:start=0.1", "50.0", "25.0", "75.0"],
+    ]
+
+
+def test_the_best_is_written_as_the_benchmark_takes_it(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "chosen.yaml"
+    write_chosen(path, ranking(TASKS, ROWS), episodes=4)
+    chosen = yaml.safe_load(path.read_text())["tasks"]
+    assert chosen == {"slalom": {"methods": {"FEEG+gate": {"editor": "feeg:start=0.2", "alpha": 0.1}}}}
+    assert "# mean 62.5 (noised 75.0, slow 50.0), best of 2\n" in path.read_text()
+    assert "4 validation episodes" in path.read_text()
+    file = {"slalom": {"agent": "a", "methods": {"agent": {}, "FEEG+gate": {"adapter": "b", "alpha": 0.05}}}}
+    assert merged(file, chosen, "chosen.yaml")["slalom"]["methods"] == {
+        "agent": {},
+        "FEEG+gate": {"adapter": "b", "editor": "feeg:start=0.2", "alpha": 0.1},
+    }
+
+
+def test_a_search_keeps_to_validation_seeds_and_to_its_budget() -> None:
+    assert check_search(TASKS, "validation", [0, 1], 30)
+    with pytest.raises(ValueError, match="a search on the test split: settings are chosen with --split=validation"):
+        check_search(TASKS, "test", [0], 60)
+    with pytest.raises(ValueError, match="a search with 2 seeds of 31 episodes: it may play at most 60"):
+        check_search(TASKS, "validation", [0, 1], 31)
+    assert not check_search({"slalom": replace(TASK, methods={"agent": Method()})}, "test", [0, 1, 2], 100)
