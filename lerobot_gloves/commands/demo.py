@@ -38,9 +38,11 @@ class DemoConfig:
     # What makes the agent imperfect: noised, laggy, slow or shift, with its options.
     perturbation: str = "slow:alpha=0.25,p=0.75"
     # Options of FPAS, such as fpas:candidates=32.
-    fpas: str = "fpas:iterations=3,candidates=8,sigma=0.3"
+    fpas: str = "fpas:sigma=0.2,align=0.0"
+    # Nonconformity score that FPAS searches by, and its options.
+    fpas_score: str = "reverse:steps=1"
     # Options of FEEG, such as feeg:start=0.4.
-    feeg: str = "feeg:start=0.2,align=0.3"
+    feeg: str = "feeg:start=0.3,align=0.1"
     # Nonconformity score of the gate and its options.
     score: str = "reverse:steps=5"
     # The gate's significance level.
@@ -67,6 +69,7 @@ class DemoConfig:
         parse(self.fpas, {"fpas": FPAS}, "method")
         parse(self.feeg, {"feeg": FEEG}, "method")
         parse(self.score, SCORES, "score")
+        parse(self.fpas_score, SCORES, "score")
         if self.episodes < 1:
             raise ValueError(f"episodes is {self.episodes}, but must be at least 1")
         if self.train and (self.agent or self.expert_flow):
@@ -78,7 +81,8 @@ def demo(cfg: DemoConfig) -> None:
     """Run `gloves demo`."""
     began = time.monotonic()
     if cfg.train:
-        agent, expert_flow = train_pair(Training(cfg.output_dir, cfg.demonstrations, cfg.steps, cfg.score), began=began)
+        scores = tuple(dict.fromkeys([cfg.fpas_score, cfg.score]))
+        agent, expert_flow = train_pair(Training(cfg.output_dir, cfg.demonstrations, cfg.steps, scores), began=began)
     else:
         agent, expert_flow = cfg.agent or PACKAGED / AGENT, cfg.expert_flow or PACKAGED / EXPERT_FLOW
     for option, folder in (("agent", agent), ("expert_flow", expert_flow)):
@@ -131,11 +135,12 @@ def headline(setting: Setting) -> str:
 
 def methods(cfg: DemoConfig, expert_flow: Path) -> list[Method]:
     """The rows of the table; the last one is the corrected agent of the picture and the video."""
-    adapter = [f"--policy.adapter={expert_flow}", f"--policy.score={cfg.score}"]
-    feeg = [*adapter, f"--policy.method={cfg.feeg}"]
+    adapter = f"--policy.adapter={expert_flow}"
+    fpas = [adapter, f"--policy.score={cfg.fpas_score}", f"--policy.method={cfg.fpas}"]
+    feeg = [adapter, f"--policy.score={cfg.score}", f"--policy.method={cfg.feeg}"]
     return [
         Method("raw", "raw agent", recorded=True),
-        Method("fpas", "FPAS", [*adapter, f"--policy.method={cfg.fpas}"]),
+        Method("fpas", "FPAS", fpas),
         Method("feeg", "FEEG", feeg),
         Method("feeg_gate", "FEEG + gate", [*feeg, "--policy.gate=true", f"--policy.alpha={cfg.alpha}"], recorded=True),
     ]

@@ -29,13 +29,13 @@ class Training:
         root: Folder of all that is made; the pair ends up in its subfolders `agent` and `expert_flow`.
         demonstrations: How many episodes of the scripted expert to train on.
         steps: Optimiser steps; None for what the configurations say.
-        score: The nonconformity score to calibrate.
+        scores: The nonconformity scores to calibrate.
     """
 
     root: Path
     demonstrations: int = 400
     steps: int | None = None
-    score: str = "reverse:steps=1"
+    scores: tuple[str, ...] = ("reverse:steps=1", "reverse:steps=5")
 
     @property
     def dataset(self) -> Path:
@@ -77,7 +77,7 @@ class Training:
             f"--policy.path={self.root / EXPERT_FLOW}",
             f"--dataset.repo_id={DATASET_ID}",
             f"--dataset.root={self.dataset}",
-            f"--scores={json.dumps([self.score])}",
+            f"--scores={json.dumps(self.scores)}",
         ]
 
     def job(self, label: str, command: Sequence[str], progress: re.Pattern[str]) -> Job:
@@ -88,7 +88,7 @@ class Training:
 
     def recipe(self) -> list[str]:
         """The commands in order, as one would type them in a checkout's root."""
-        here = Training(Path("outputs/demo"), self.demonstrations, self.steps, self.score)
+        here = Training(Path("outputs/demo"), self.demonstrations, self.steps, self.scores)
         configurations = Path("lerobot_gloves/demo")
         exports = [
             ["python", "-m", "lerobot_gloves.demo.export", str(here.checkpoint(name)), str(here.root / name)]
@@ -146,8 +146,12 @@ def claim(training: Training) -> None:
     Raises:
         ValueError: If it is another pair's.
     """
-    settings = {"demonstrations": training.demonstrations, "steps": training.steps, "score": training.score}
-    settings |= {name: (PACKAGED / f"{name}.yaml").read_text() for name in PAIR}
+    settings = {
+        "demonstrations": training.demonstrations,
+        "steps": training.steps,
+        "scores": list(training.scores),
+        **{name: (PACKAGED / f"{name}.yaml").read_text() for name in PAIR},
+    }
     file = training.root / "training.json"
     if file.exists():
         found = json.loads(file.read_text())

@@ -120,4 +120,4 @@ def test_the_recipe_names_no_place_of_this_machine(tmp_path):
     assert not any(str(tmp_path) in word or str(PACKAGED) in word for command in commands for word in command)
     assert "--config_path=lerobot_gloves/demo/agent.yaml" in commands[1]
     assert commands[3][3:] == ["outputs/demo/training/agent/checkpoints/last/pretrained_model", "outputs/demo/agent"]
-    assert '--scores=["reverse:steps=1"]' in commands[5]
+    assert '--scores=["reverse:steps=1", "reverse:steps=5"]' in commands[5]

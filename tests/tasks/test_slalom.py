@@ -306,7 +306,7 @@ def test_the_expert_may_change_its_mind_in_the_aisle(env):
     ways = []
     for draw in range(12):
         expert = SlalomExpert(np.random.default_rng(draw))
-        observation, info = env.reset(seed=0)
+        observation, _ = env.reset(seed=0)
         expert.reset("1 0 0")  # from the start, x = 0.525, to the gap at 0.575
         way = []
         while observation["agent_pos"][1] < -0.1:

@@ -1,6 +1,7 @@
 """A scripted person who steers the rod through any corridor, never twice alike."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ class SlalomExpert:
             x = GAP_CENTRES[row][gap] + rng.uniform(-0.01, 0.01)
             corners.append(np.array([x, y]))
         corners.append(np.array([x, GOAL_Y + 0.1]))
-        self._path = np.concatenate([_points(*leg) for leg in zip(corners[:-1], corners[1:], strict=True)])
+        self._path = np.concatenate([_points(*leg) for leg in pairwise(corners)])
         self._passed = 0  # points of the path
         self._speed = rng.uniform(0.0065, 0.0072)
         self._haste = 0.0  # logarithm of the speed's drift
