@@ -17,8 +17,9 @@ def test_every_cell():
     # Wilson, by the textbook: n=10, 4 successes [16.8, 68.7], 7 successes [39.7, 89.2].
     assert lines[2] == ["raw agent", "40.0 [16.8, 68.7]", "–", "–", "–"]
     assert lines[3][:4] == ["FEEG", "70.0 [39.7, 89.2]", "50.0 %", "0.250"]
-    # (4 - 1) / 10, standard error sqrt((5/10 - 0.09) / 10) = 0.2025.
-    assert lines[3][4] == "+30.0 [-9.7, +69.7]"
+    # (4 - 1) / 10. Newcombe: 3 pairs won by both, 2 by neither, so the corrected correlation is 0, and the Wilson
+    # distances add up squared: 30 - sqrt(30.3^2 + 28.7^2) and 30 + sqrt(19.2^2 + 23.2^2).
+    assert lines[3][4] == "+30.0 [-11.8, +60.1]"
 
 
 def test_it_lines_up():

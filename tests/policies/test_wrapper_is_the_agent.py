@@ -91,5 +91,5 @@ def test_neither_agent_nor_adapter_is_among_its_weights(tmp_path, adapters):
 def test_it_cannot_be_trained(tmp_path):
     policy, _ = load(save_policy(tmp_path / "agent", "act"), "--wrap=gloves")
     for refused in (policy.get_optim_params, policy.config.get_optimizer_preset, lambda: policy.forward({})):
-        with pytest.raises(ValueError, match=r"train its adapter, --policy\.type=gloves_expert_flow"):
+        with pytest.raises(ValueError, match=r"train an adapter, such as --policy\.type=gloves_expert_flow"):
             refused()
