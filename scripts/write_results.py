@@ -23,7 +23,7 @@ Everything here was measured on two cores without a GPU, by the command that sta
 def benchmark(folder: Path) -> str:
     """One folder of benchmark rows, with the note beside it."""
     note = folder / "note.md"
-    return "\n".join([note.read_text().strip(), "", report(read_rows(folder)).strip()])
+    return "\n".join([note.read_text().strip(), "", report(read_rows(folder), paper=True).strip()])
 
 
 def measurement(file: Path) -> str:

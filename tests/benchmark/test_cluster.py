@@ -60,14 +60,12 @@ def test_a_worker_killed_on_two_nodes_costs_nothing(
     process = start("bench", *options, *matrix, *ray, f"--output_dir={tmp_path / 'rows'}")
     wait_for_rows(process, tmp_path / "rows", 3)
     nodes: set[int] = set()
-    while process.poll() is None and len(nodes) < 2:
-        nodes |= {player.ppid() for player in players()}
+    while process.poll() is None and not (len(nodes) == 2 and playing):
+        playing = players()
+        nodes |= {player.ppid() for player in playing}
+        time.sleep(0.1)
     assert len(nodes) == 2, "both play"
-    while process.poll() is None:
-        if playing := players():
-            playing[0].kill()
-            break
-        time.sleep(0.01)
+    playing[0].kill()
     printed, errors = process.communicate(timeout=500)
     assert process.returncode == 0, errors
     assert "its worker is gone (WorkerCrashedError); it is played again" in errors
