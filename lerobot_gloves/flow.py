@@ -107,12 +107,16 @@ def flow_matching_loss(
     Returns:
         Mean squared error per chunk, shape (B,); 0 for a chunk that is all padding.
     """
-    batch = action.shape[0]
     action = action.repeat_interleave(samples, dim=0)
     noise = randn(action.shape, generator, like=action)
     t = rand(action.shape[:1], generator, like=action)
-    error = (velocity(interpolate(noise, action, t), t) - (action - noise)).square().mean(-1)
-    error = error.view(batch, samples, -1).mean(1)
+    error = (velocity(interpolate(noise, action, t), t) - (action - noise)).square()
+    return mean_per_chunk(error, samples, mask)
+
+
+def mean_per_chunk(error: Tensor, samples: int, mask: Tensor | None) -> Tensor:
+    """Mean (B,) of errors (B * samples, T, A), those of one chunk adjacent, over what `mask` (B, T) counts."""
+    error = error.mean(-1).unflatten(0, (-1, samples)).mean(1)
     if mask is None:
         return error.mean(-1)
     weight = mask.to(error.dtype)

@@ -3,9 +3,10 @@
 import torch
 from torch import Tensor
 
+from lerobot_gloves.flow import mean_per_chunk
 from lerobot_gloves.generators import randn
 
-from .edm import Denoiser, heun, mean_per_chunk
+from .edm import Denoiser, heun
 
 
 def distillation_loss(

@@ -13,7 +13,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from lerobot_gloves.flow import VelocityField
+from lerobot_gloves.flow import VelocityField, mean_per_chunk
 from lerobot_gloves.generators import randn
 
 
@@ -141,12 +141,3 @@ def edm_loss(
     weight = 1 / sigma**2 + 1 / denoiser.noise.sigma_data**2
     error = weight[:, None, None] * (denoiser(noisy, sigma) - clean).square()
     return mean_per_chunk(error, samples, mask)
-
-
-def mean_per_chunk(error: Tensor, samples: int, mask: Tensor | None) -> Tensor:
-    """Mean (B,) of errors (samples * B, T, A), those of one chunk adjacent, over what `mask` (B, T) counts."""
-    error = error.mean(-1).unflatten(0, (-1, samples)).mean(1)
-    if mask is None:
-        return error.mean(-1)
-    weight = mask.to(error.dtype)
-    return (error * weight).sum(-1) / weight.sum(-1).clamp(min=1)

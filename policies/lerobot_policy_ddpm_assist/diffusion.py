@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from lerobot_gloves.flow import VelocityField
+from lerobot_gloves.flow import VelocityField, mean_per_chunk
 from lerobot_gloves.generators import Generators, randn
 
 if TYPE_CHECKING:
@@ -118,9 +118,5 @@ def noise_prediction_loss(
     noise = randn(clean.shape, generator, like=clean)
     device = clean.device if generator is None else generator.device
     step = torch.randint(diffusion.steps, clean.shape[:1], generator=generator, device=device).to(clean.device)
-    error = (diffusion.predict(diffusion.noised(clean, noise, step), step) - noise).square().mean(-1)
-    error = error.view(len(action), samples, -1).mean(1)
-    if mask is None:
-        return error.mean(-1)
-    weight = mask.to(error.dtype)
-    return (error * weight).sum(-1) / weight.sum(-1).clamp(min=1)
+    error = (diffusion.predict(diffusion.noised(clean, noise, step), step) - noise).square()
+    return mean_per_chunk(error, samples, mask)
