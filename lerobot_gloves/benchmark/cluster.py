@@ -45,8 +45,8 @@ class Cluster:
             ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR, **start)
         except Exception as error:  # Ray's own come in many types
             raise ConnectionError(f"Ray did not come up: {' '.join(str(error).split())}") from error
-        # What becomes of a task whose worker dies is ours to decide: no retries. A worker plays any number of cells, also
-        # with a GPU, where Ray would begin a new one for each: that takes longer than many a cell.
+        # What becomes of a task whose worker dies is ours to decide: no retries. A worker plays any number of cells,
+        # also with a GPU, where Ray would begin a new one for each: that takes longer than many a cell.
         self._play = ray.remote(num_cpus=1, num_gpus=num_gpus, max_retries=0, max_calls=0)(play_there)
         self._running: dict[Any, Job] = {}
 
