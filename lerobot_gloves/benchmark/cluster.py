@@ -1,8 +1,10 @@
 """Workers that are Ray's, on this machine or on a cluster of others; Ray is an extra."""
 
+import contextlib
 import logging
 import os
 import socket
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -78,10 +80,14 @@ class Cluster:
             return Lost(f"its worker is gone ({type(error).__name__})")
 
     def __enter__(self) -> Self:
+        # Ray tells on standard output what befell its workers, but that is for the table.
+        self._told = contextlib.redirect_stdout(sys.stderr)
+        self._told.__enter__()
         return self
 
     def __exit__(self, *error: object) -> None:
         self._ray.shutdown()
+        self._told.__exit__(None, None, None)
 
 
 def reach(address: str) -> None:

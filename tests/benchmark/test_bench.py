@@ -326,7 +326,10 @@ def test_a_killed_run_goes_on_with_the_same_episodes(
     """Two workers, killed with their parent by kill -9, then one process: as if one process had done it all."""
     matrix = ['--perturbations=[noised, "shift:dim=7"]', '--methods=[none, "feeg+gate"]', "--seeds=[0, 1, 2, 3, 4, 5]"]
     process = start("bench", *options, *matrix, "--num_workers=2")
-    wait_for_rows(process, tmp_path / "rows", 2)
+    while not list((tmp_path / "rows").glob("*.failed")) and process.poll() is None:
+        time.sleep(0.1)
+    # Once another row is there, the failure before it has been told.
+    wait_for_rows(process, tmp_path / "rows", len(list((tmp_path / "rows").glob("*.json"))) + 2)
     process.kill()
     _, errors = process.communicate(timeout=60)  # returns when the last worker has let go of the pipe
     kept = read_rows(tmp_path / "rows")
