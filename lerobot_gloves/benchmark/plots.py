@@ -166,13 +166,14 @@ def _histogram(axes: Axes, result: Result, numbers: range, edges: Sequence[float
     ]
     axes.stairs(left, edges, fill=True, color=LEFT, alpha=0.85)
     axes.stairs(both, edges, baseline=left, fill=True, color=EDITED, alpha=0.85)
+    ticks = [10.0**power for power in range(-4, 16, 2)]
     if edges[0] > 0:
         axes.set_xscale("log")
     else:
         axes.set_xscale("asinh", linear_width=SCALE)
-        tens = [10.0**power for power in range(0, 12, 2)]
-        ticks = [*(-ten for ten in reversed(tens)), 0.0, *tens]
-        axes.set_xticks([tick for tick in ticks if edges[0] <= tick <= edges[-1]])
+        large = [tick for tick in ticks if tick >= 1]
+        ticks = [*(-tick for tick in reversed(large)), 0.0, *large]
+    axes.set_xticks([tick for tick in ticks if edges[0] <= tick <= edges[-1]])
     axes.minorticks_off()
 
 

@@ -4,11 +4,11 @@ import importlib
 import sys
 
 COMMANDS = {
-    "record": "record a task's scripted expert as a LeRobotDataset",
+    "record": "record a task's scripted expert, or an agent, as a LeRobotDataset",
     "calibrate": "score held-out expert episodes with a trained adapter and store the calibration",
     "bench": "run perturbation x method x seed on a task",
     "demo": "see an imperfect policy get better",
-    "report": "turn benchmark rows into tables",
+    "report": "turn benchmark rows into tables and plots",
 }
 
 
