@@ -212,39 +212,49 @@ type Act = tuple[PreTrainedPolicy, Callable[[dict[str, Any]], dict[str, Any]], C
 
 
 def load(setup: Setup, cell: Cell) -> Act:
-    """The wrapped agent of a cell from LeRobot's factory, what goes before it and what behind."""
-    editor, perturbation = (
-        cell.method.removesuffix(GATE),
-        parse(cell.perturbation, PERTURBATION_CHOICES, "perturbation"),
-    )
-    corrected: dict[str, Any] = {}
+    """The wrapped agent of a cell, what goes before it and what behind."""
+    editor = cell.method.removesuffix(GATE)
+    corrected: dict[str, Any] = {"method": editor}
     if editor != NONE:
-        corrected = {
+        corrected |= {
             "adapter": setup.adapter,
             "gate": cell.method.endswith(GATE),
             "alpha": setup.alpha,
             "score": setup.score,
             **json.loads(json.dumps(setup.options).replace(PERTURBED, cell.perturbation.partition(":")[0])),
         }
-    seeded = hasattr(checkpoint_config("agent", setup.agent), "seed")
+    return load_agent(setup.env, setup.agent, cell.perturbation, cell.seed, **corrected)
+
+
+def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corrected: Any) -> Act:
+    """A wrapped agent from LeRobot's factory, what goes before it and what behind.
+
+    Args:
+        env: The task.
+        agent: Folder or Hub id of the policy.
+        perturbation: `none`, or a specification.
+        seed: Seed of the agent, the perturbation and the editor.
+        **corrected: The wrapper's options for its adapter; without any the agent is not corrected.
+    """
+    perturbed = parse(perturbation, PERTURBATION_CHOICES, "perturbation")
+    seeded = hasattr(checkpoint_config("agent", agent), "seed")
     config = make_policy_config(
         "gloves",
-        agent=setup.agent,
+        agent=agent,
         # So that raw and adapted runs draw the same; an agent without a seed of its own has the global generators.
-        agent_overrides=[f"--seed={cell.seed}"] if seeded else [],
-        method=editor,
-        perturbation=perturbation if isinstance(perturbation, Perturbation) else None,
-        seed=cell.seed,
+        agent_overrides=[f"--seed={seed}"] if seeded else [],
+        perturbation=perturbed if isinstance(perturbed, Perturbation) else None,
+        seed=seed,
         **corrected,
     )
     with quiet():
-        policy = make_policy(config, env_cfg=setup.env).eval()
+        policy = make_policy(config, env_cfg=env).eval()
         before, behind = make_pre_post_processors(
             config,
             str(config.pretrained_path),
             preprocessor_overrides={"device_processor": {"device": str(config.device)}},
         )
-    env_before, env_behind = make_env_pre_post_processors(env_cfg=setup.env, policy_cfg=config)
+    env_before, env_behind = make_env_pre_post_processors(env_cfg=env, policy_cfg=config)
     return policy, lambda seen: before(env_before(seen)), lambda action: env_behind({ACTION: behind(action)})[ACTION]
 
 

@@ -14,6 +14,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
+from lerobot_gloves.benchmark.cell import load_agent
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 
@@ -170,7 +171,7 @@ def _episodes(config: RecordConfig, env_config: demonstrations.Recordable, folde
             env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
         )
     # Whatever is wrong with the agent shows here, rather than in every process.
-    agents.load(config.env, agent, config.seed)
+    load_agent(config.env, agent.checkpoint, agent.perturbation, config.seed)
     return agents.record(
         env_config, agent, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
     )

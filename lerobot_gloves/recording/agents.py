@@ -2,7 +2,7 @@
 
 import gc
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,19 +11,16 @@ from typing import Any, cast
 import gymnasium as gym
 import numpy as np
 import torch
-from lerobot.envs import EnvConfig, make_env_pre_post_processors
-from lerobot.policies import make_policy, make_policy_config, make_pre_post_processors
-from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION
 from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
 from lerobot_gloves.benchmark.cell import (
-    PERTURBATION_CHOICES,
     Setup,
     checkpoint_config,
     environment,
-    quiet,
+    load_agent,
     resolve_perturbation,
 )
 from lerobot_gloves.benchmark.rollout import rollout, tasks
@@ -34,7 +31,6 @@ from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
 from lerobot_gloves.recording.staging import Episode
 from lerobot_gloves.recording.workers import stage_all
 from lerobot_gloves.sources import agent_task
-from lerobot_gloves.specification import parse
 
 
 @dataclass(frozen=True)
@@ -141,7 +137,7 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
     """
     gc.collect()  # the last batch's agent refers to itself, and a GPU may not hold two
     set_seed(seed)  # for agents that draw from the global generators
-    policy, prepare, finish = load(cast(EnvConfig, env_config), agent, seed)
+    policy, prepare, finish = load_agent(cast(EnvConfig, env_config), agent.checkpoint, agent.perturbation, seed)
     listener = Listener(policy.config.perturbation)
     policy.config.perturbation = listener
     queries: dict[int, list[dict[str, np.ndarray]]] = defaultdict(list)
@@ -170,28 +166,3 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
         task = agent_task(agent.source, lengths.pop())
         episodes.append(Episode(frames=frames, task=task, failure=outcome.failure))
     return episodes
-
-
-type Act = tuple[PreTrainedPolicy, Callable[[dict[str, Any]], dict[str, Any]], Callable[[Tensor], Tensor]]
-
-
-def load(env_config: EnvConfig, agent: Agent, seed: int) -> Act:
-    """The wrapped agent from LeRobot's factory, without an adapter; what goes before it and what behind."""
-    perturbation = parse(agent.perturbation, PERTURBATION_CHOICES, "perturbation")
-    seeded = hasattr(checkpoint_config("agent", agent.checkpoint), "seed")
-    config = make_policy_config(
-        "gloves",
-        agent=agent.checkpoint,
-        agent_overrides=[f"--seed={seed}"] if seeded else [],
-        perturbation=perturbation if isinstance(perturbation, Perturbation) else None,
-        seed=seed,
-    )
-    with quiet():
-        policy = make_policy(config, env_cfg=env_config).eval()
-        before, behind = make_pre_post_processors(
-            config,
-            str(config.pretrained_path),
-            preprocessor_overrides={"device_processor": {"device": str(config.device)}},
-        )
-    env_before, env_behind = make_env_pre_post_processors(env_cfg=env_config, policy_cfg=config)
-    return policy, lambda seen: before(env_before(seen)), lambda action: env_behind({ACTION: behind(action)})[ACTION]

@@ -9,6 +9,7 @@ from lerobot.policies import make_pre_post_processors
 
 from tests.builders import calibrate, features, make_policy, save_policy, statistics
 
+QUICK = ["--env.type=gloves_slalom", "--env.episode_length=20", "--episodes=3", "--num_workers=1"]
 RIGHTMOST_SEED = 10007
 """The environment seed, among the first of the test band, whose corridor is the one that the agent steers through."""
 
@@ -37,3 +38,8 @@ def adapter(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = save(tmp_path_factory.mktemp("adapter"), "gloves_expert_flow", std=0.003, seed=1)
     scores = torch.linspace(0, 20, 200).expand(6, -1)
     return str(calibrate(folder, scores={"reverse:steps=1": scores}))
+
+
+@pytest.fixture
+def options(tmp_path: Path, agent: str, adapter: str) -> list[str]:
+    return [*QUICK, f"--agent={agent}", f"--adapter={adapter}", f"--output_dir={tmp_path / 'rows'}"]

@@ -1,23 +1,12 @@
 import os
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
 
 from lerobot_gloves.benchmark.rows import read_rows
 from lerobot_gloves.commands import main
-
-QUICK = ["--env.type=gloves_slalom", "--env.episode_length=20", "--episodes=3", "--num_workers=1"]
-
-
-@pytest.fixture
-def options(tmp_path: Path, agent: str, adapter: str) -> list[str]:
-    return [*QUICK, f"--agent={agent}", f"--adapter={adapter}", f"--output_dir={tmp_path / 'rows'}"]
 
 
 def gloves(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
@@ -28,24 +17,6 @@ def gloves(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
     except SystemExit as end:
         return str(end.code)
     return ""
-
-
-def start(*arguments: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
-        env=os.environ,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        # Whoever runs the tests in the background has them ignore Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-
-
-def wait_for_rows(process: subprocess.Popen, folder: Path, count: int) -> None:
-    while len(list(folder.glob("*.json"))) < count and process.poll() is None:
-        time.sleep(0.1)  # pytest's own timeout ends this
 
 
 def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -317,77 +288,3 @@ def test_search(
 def test_report_of_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert gloves(monkeypatch, "report", f"--rows={tmp_path}") == "gloves report: there are no rows to report"
     assert "is no folder" in gloves(monkeypatch, "report", f"--rows={tmp_path / 'none'}")
-
-
-@pytest.mark.slow
-def test_a_killed_run_goes_on_with_the_same_episodes(
-    tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two workers, killed with their parent by kill -9, then one process: as if one process had done it all."""
-    matrix = ['--perturbations=[noised, "shift:dim=7"]', '--methods=[none, "feeg+gate"]', "--seeds=[0, 1, 2, 3, 4, 5]"]
-    process = start("bench", *options, *matrix, "--num_workers=2")
-    while not list((tmp_path / "rows").glob("*.failed")) and process.poll() is None:
-        time.sleep(0.1)
-    # Once another row is there, the failure before it has been told.
-    wait_for_rows(process, tmp_path / "rows", len(list((tmp_path / "rows").glob("*.json"))) + 2)
-    process.kill()
-    _, errors = process.communicate(timeout=60)  # returns when the last worker has let go of the pipe
-    kept = read_rows(tmp_path / "rows")
-    assert 2 <= len(kept) < 12
-    assert "failed: ValueError: Shift: dim is 7" in errors, "a failure in a worker is told"
-
-    assert "12 cell(s) failed" in gloves(monkeypatch, "bench", *options, *matrix)
-    finished = read_rows(tmp_path / "rows")
-    assert len(finished) == 12
-    assert all(row in finished for row in kept)
-    alone = tmp_path / "alone"
-    assert "12 cell(s) failed" in gloves(monkeypatch, "bench", *options, *matrix, f"--output_dir={alone}")
-    assert without_times(finished) == without_times(read_rows(alone))
-
-
-@pytest.mark.slow
-def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[str]) -> None:
-    process = start("bench", *options, f"--seeds={list(range(100))}", "--num_workers=2")
-    wait_for_rows(process, tmp_path / "rows", 1)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
-    _, errors = process.communicate(timeout=60)  # returns when the last worker has let go of the pipe
-    assert process.returncode == 1
-    assert errors.rstrip().endswith("gloves bench: interrupted")
-    assert "Traceback" not in errors
-    assert 0 < len(read_rows(tmp_path / "rows")) < 100
-
-
-@pytest.mark.slow
-def test_a_killed_worker_costs_nothing(tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """By kill -9, twice; two workers do what one does, and none of them is left."""
-    matrix = ["--perturbations=[noised]", '--methods=[none, "feeg+gate"]', f"--seeds={list(range(10))}"]
-    process = start("bench", *options, *matrix, "--num_workers=2")
-    for count in (1, 4):
-        wait_for_rows(process, tmp_path / "rows", count)
-        children = [
-            child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())
-        ]
-        assert len(children) == 2
-        children[0].kill()
-    _, errors = process.communicate(timeout=500)
-    assert process.returncode == 0, errors
-    assert "its worker was killed by signal 9 (SIGKILL); it is played again" in errors
-    finished = read_rows(tmp_path / "rows")
-    assert len(finished) == 20
-    alone = tmp_path / "alone"
-    assert gloves(monkeypatch, "bench", *options, *matrix, f"--output_dir={alone}") == ""
-    assert without_times(finished) == without_times(read_rows(alone))
-
-
-@pytest.mark.slow
-def test_two_runs_at_the_same_time_share_the_cells(tmp_path: Path, options: list[str]) -> None:
-    """Every row's file is written once."""
-    seeds = f"--seeds={list(range(30))}"
-    runs = [start("bench", *options, seeds) for _ in range(2)]
-    written: set[tuple[str, int]] = set()
-    while any(run.poll() is None for run in runs):
-        written |= {(file.name, file.stat().st_ino) for file in (tmp_path / "rows").glob("*.json")}
-        time.sleep(0.01)
-    assert [run.communicate()[1] for run in runs if run.returncode] == []
-    assert len(written) == len(read_rows(tmp_path / "rows")) == 30
-    assert {file.suffix for file in (tmp_path / "rows").iterdir()} == {".json"}

@@ -9,7 +9,9 @@ import psutil
 import pytest
 
 from lerobot_gloves.benchmark.rows import read_rows
-from tests.benchmark.test_bench import QUICK, gloves, start, wait_for_rows, without_times
+from tests.benchmark.conftest import QUICK
+from tests.benchmark.test_bench import gloves, without_times
+from tests.benchmark.test_bench_killed import start, wait_for_rows
 
 
 def descendants() -> list[psutil.Process]:

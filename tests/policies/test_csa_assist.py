@@ -1,19 +1,17 @@
 """The baseline `csa_assist` as two stages of a LeRobot policy, and its student as an adapter."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 import torch
 from lerobot.policies import get_policy_class, make_policy_config
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.scripts.lerobot_train import train
 from safetensors.torch import load_file, save_file
 
 from lerobot_gloves.adapter import Adapter
 from lerobot_policy_csa_assist.editor import CSA
 from lerobot_policy_csa_assist.edm import Denoiser, edm_loss, heun
-from tests.builders import CAMERA, FLOW, awaken, features, observation, save_policy, wrap, write_dataset
+from tests.builders import CAMERA, FLOW, awaken, features, observation, save_policy, wrap
 
 T = FLOW["chunk_size"]
 LAST = Path("checkpoints") / "last"
@@ -273,106 +271,7 @@ def test_images_are_a_context_too(tmp_path):
     assert not torch.equal(student.bind(data).edit(data["action"], CSA()), edited)
 
 
-# --- LeRobot's command ---
-
-
-def options(root: Path, output: Path, steps: int) -> list[str]:
-    network = {key: value for key, value in FLOW.items() if value is not None}
-    return [
-        "--policy.type=csa_assist",
-        "--policy.device=cpu",
-        "--policy.push_to_hub=false",
-        *(f"--policy.{key}={value}" for key, value in network.items()),
-        "--dataset.repo_id=me/tiny",
-        f"--dataset.root={root}",
-        "--dataset.eval_split=0.25",
-        "--batch_size=4",
-        "--num_workers=0",
-        f"--steps={steps}",
-        "--save_freq=2",
-        "--eval_steps=2",
-        "--log_freq=1",
-        f"--output_dir={output}",
-    ]
-
-
-@pytest.mark.slow
-def test_both_stages_train_and_resume_by_lerobots_command(tmp_path, typed):
-    data = tmp_path / "data"
-    write_dataset(data)
-
-    def resume(output: Path, steps: int) -> dict[str, torch.Tensor]:
-        before = load_file(output / LAST / "pretrained_model" / WEIGHTS)
-        config = output / LAST / "pretrained_model" / "train_config.json"
-        typed(f"--config_path={config}", "--resume=true", f"--steps={steps}")
-        train()
-        after = load_file(output / LAST / "pretrained_model" / WEIGHTS)
-        assert (int(before["ema.n_averaged"]), int(after["ema.n_averaged"])) == (steps - 2, steps)
-        assert not torch.equal(before["network.dit.head.bias"], after["network.dit.head.bias"])
-        return after
-
-    typed(*options(data, tmp_path / "teacher", 2))
-    train()
-    weights = resume(tmp_path / "teacher", 4)
-    teacher = tmp_path / "teacher" / LAST / "pretrained_model"
-
-    distil = ["--policy.stage=student", f"--policy.teacher={teacher}"]
-    typed(*options(data, tmp_path / "student", 2), *distil)
-    train()
-    trained = resume(tmp_path / "student", 4)
-    assert trained.keys() == weights.keys()
-    shutil.rmtree(tmp_path / "teacher")
-    student = load(tmp_path / "student" / LAST / "pretrained_model")
-    assert student.config.stage == "student"
-    assert set(student.config.input_features) == {"observation.state", "observation.environment_state"}
-    batch = data_of(2)
-    assert student.bind(batch).edit(batch["action"], CSA()).isfinite().all()
-
-    typed(*options(data, tmp_path / "again", 2), *distil)
-    with pytest.raises(
-        ValueError, match=r"--policy\.teacher=.* is no checkpoint's folder, nor one on the Hub"
-    ) as error:
-        train()
-    assert "\n" not in str(error.value)
-
-
-def test_a_wrong_stage_reaches_who_typed_it_as_one_line(tmp_path, typed):
-    write_dataset(tmp_path / "data", episodes=4, length=8)
-    typed(*options(tmp_path / "data", tmp_path / "run", 2), "--policy.stage=pupil")
-    with pytest.raises(ValueError, match=r"^csa_assist has no stage 'pupil': choose from teacher, student$"):
-        train()
-
-
 # --- Bad input ---
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"stage": "pupil"}, "csa_assist has no stage 'pupil': choose from teacher, student"),
-        ({"stage": "student"}, "a student is distilled from a teacher: name its checkpoint, --policy.teacher"),
-        ({"stage": "student", "teacher": "a/b/c"}, "--policy.teacher=a/b/c is no checkpoint's folder, nor one on the"),
-        ({"stage": "student", "teacher": "me/none"}, "--policy.teacher=me/none is no checkpoint's folder, nor one on"),
-        (
-            {"stage": "student", "teacher": "x", "context_dropout": 0.2},
-            "context_dropout must be 0 and guidance 1, not 0.2",
-        ),
-        (
-            {"stage": "student", "teacher": "x", "guidance": 2.0},
-            "context_dropout must be 0 and guidance 1, not 0.0 and 2.0",
-        ),
-        ({"sigma_min": 0.0}, "sigma_min is 0.0 and sigma_max is 80.0, but 0 < sigma_min < sigma_max must hold"),
-        ({"sigma_max": 0.001}, "sigma_min is 0.002 and sigma_max is 0.001, but"),
-        ({"levels": 1}, "levels is 1, but must be at least 2"),
-        ({"num_inference_steps": 0}, "num_inference_steps is 0, but must be at least 1"),
-        ({"sigma_data": 0.0}, "sigma_data is 0.0, but must be above 0"),
-        ({"rho": -7.0}, "rho is -7.0, but must be above 0"),
-    ],
-)
-def test_impossible_options_are_one_clear_line(options, message):
-    with pytest.raises(ValueError) as error:
-        make_csa(**options)
-    assert message in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

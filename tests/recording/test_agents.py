@@ -236,6 +236,6 @@ def test_proposals_of_several_lengths_are_refused(monkeypatch):
             self.step += 1
             return torch.zeros(1, 2)
 
-    monkeypatch.setattr(agents, "load", lambda *_: (Wavering(), lambda seen: seen, lambda action: action))
+    monkeypatch.setattr(agents, "load_agent", lambda *_: (Wavering(), lambda seen: seen, lambda action: action))
     with pytest.raises(ValueError, match="proposals of somebody have 2 and 4 actions"):
         play("somebody", "none", batch=1, env_config=SlalomEnv(episode_length=3))

@@ -150,7 +150,7 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
     """The editor and the score that a wrapper names, by default the adapter's first ones; None for none.
 
     Raises:
-        ValueError: If the adapter has them not, or no score where the gate needs one.
+        ValueError: If the adapter lacks one of them, or has no score where the gate needs one.
     """
     method = config.method or next(iter(adapter.editors), "none")
     editor = None if method == "none" else parse(method, {**adapter.editors, "none": object}, "method")
