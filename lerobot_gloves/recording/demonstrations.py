@@ -55,6 +55,10 @@ class Recordable(Protocol):
     def gym_kwargs(self) -> dict[str, Any]:
         """Its arguments."""
 
+    @property
+    def demonstration_kwargs(self) -> dict[str, Any]:
+        """Its arguments where the expert demonstrates; a demonstration may be part of an episode."""
+
     def make_expert(self, rng: np.random.Generator) -> Expert:
         """An expert that takes all its draws from `rng`."""
 
@@ -92,7 +96,7 @@ def record(env_config: Recordable, folder: Path, *, num_episodes: int, seed: int
 
 
 def _stage(env_config: Recordable, folder: Path, seed: int, parts: Sequence[range]) -> Iterator[None]:
-    env = gym.make(env_config.gym_id, disable_env_checker=True, **env_config.gym_kwargs)
+    env = gym.make(env_config.gym_id, disable_env_checker=True, **env_config.demonstration_kwargs)
     for part in parts:
         for index in part:
             staging.save(folder, index, demonstrate(env_config, env, seed + index))

@@ -22,8 +22,6 @@ OLDEST_MUJOCO, FIRST_UNUSABLE_MUJOCO = (3, 8, 1), (3, 10)
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 SERVO_STIFFNESS = (4000.0, 4000.0, 3500.0, 3500.0, 2000.0, 2000.0, 1000.0)  # N m / rad
 PREFIX = "panda/"
-TOOL_DOWN = np.diag([1.0, -1.0, -1.0])
-"""Orientation of the tool frame whose z axis points at the floor."""
 HOME = np.array([0.0, np.pi / 16, 0.0, -5 * np.pi / 6, 0.0, np.pi - 0.2, np.pi / 4])
 """A comfortable posture (rad) that inverse kinematics starts from and stays close to."""
 
@@ -176,7 +174,9 @@ class InverseKinematics:
             mujoco.mj_comPos(model, data)
             mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._tip)
             tool = data.site_xmat[self._tip].reshape(3, 3)
-            rotation = 0.5 * np.cross(tool, TOOL_DOWN, axisa=0, axisb=0).sum(axis=0)
+            # Half the sum of the axes' cross products with those of a tool that points down, (x, -y, -z); np.cross is
+            # ten times slower.
+            rotation = 0.5 * np.array([tool[2, 1] - tool[1, 2], tool[2, 0] + tool[0, 2], -tool[1, 0] - tool[0, 1]])
             error = np.concatenate([position - data.site_xpos[self._tip], rotation])
             arm = jacobian[:, :7]
             square = arm @ arm.T + self._damping

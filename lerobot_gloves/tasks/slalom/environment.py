@@ -5,23 +5,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from lerobot_gloves.tasks.configuration import check_observation_type
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
 from lerobot_gloves.tasks.slalom import scene
 
-OBSERVATION_TYPES = ("state", "pixels_agent_pos")
 CONTROL_HZ = 20
 MAX_DELTA = 0.01
 """Largest set-point displacement of one action, in metres an axis."""
-
-
-def check_observation_type(obs_type: str) -> None:
-    """Refuse an unknown observation type.
-
-    Raises:
-        ValueError: If it is not one of `OBSERVATION_TYPES`.
-    """
-    if obs_type not in OBSERVATION_TYPES:
-        raise ValueError(f"Slalom has no obs_type {obs_type!r}: choose one of {', '.join(OBSERVATION_TYPES)}")
 
 
 class Slalom(gym.Env):
@@ -43,7 +33,7 @@ class Slalom(gym.Env):
     row through another gap) or "timeout". The reward is 1 at success, else 0.
 
     Args:
-        obs_type: One of `OBSERVATION_TYPES`.
+        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`.
         image_size: Height and width of observed and rendered frames, in pixels.
         episode_length: Control steps until a timeout.
         mode: Corridor of every episode, such as "0 2 3"; None lets the seed choose. `options={"mode": ...}` of
@@ -65,7 +55,7 @@ class Slalom(gym.Env):
         mode: str | None = None,
         render_mode: str = "rgb_array",
     ) -> None:
-        check_observation_type(obs_type)
+        check_observation_type("Slalom", obs_type)
         if mode is not None:
             scene.parse_mode(mode)
         self.render_mode = render_mode

@@ -1,0 +1,114 @@
+"""What the tasks have in common under LeRobot's commands."""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import gymnasium as gym
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.envs import EnvConfig
+from lerobot.envs.utils import FreezeAfterEpisodeEnd
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE
+
+OBSERVATION_TYPES = ("state", "pixels_agent_pos")
+OBS_GOAL = "observation.goal"
+_KEYS = {"agent_pos": OBS_STATE, "environment_state": OBS_ENV_STATE, "goal": OBS_GOAL}
+
+
+def check_observation_type(task: str, obs_type: str) -> None:
+    """Refuse an unknown observation type.
+
+    Raises:
+        ValueError: If it is not one of `OBSERVATION_TYPES`.
+    """
+    if obs_type not in OBSERVATION_TYPES:
+        raise ValueError(f"{task} has no obs_type {obs_type!r}: choose one of {', '.join(OBSERVATION_TYPES)}")
+
+
+@dataclass
+class TaskEnv(EnvConfig):
+    """Options of every task; those of its own come with its subclass.
+
+    A subclass gives `task`, `fps` and `episode_length` their values and names the class attributes below; an
+    observation of its environment holds `agent_pos`, `goal` and either `environment_state` or `pixels`.
+
+    Attributes:
+        task: Name of the Gymnasium environment below "gloves/".
+        fps: Control rate; fixed.
+        episode_length: Control steps until a timeout.
+        obs_type: "state" or "pixels_agent_pos".
+        image_size: Height and width of frames, in pixels.
+        render_mode: Only "rgb_array".
+        modes: The task strings that exist; a demonstration's label is its string's place among them.
+        cameras: Names of the cameras that pixel observations hold.
+        feature_names: What each entry of a feature is, under LeRobot's keys.
+
+    Raises:
+        ValueError: If the observation type or rate is not one that exists.
+    """
+
+    obs_type: str = "state"
+    image_size: int = 256
+    render_mode: str = "rgb_array"
+    modes: ClassVar[tuple[str, ...]]
+    cameras: ClassVar[tuple[str, ...]]
+    feature_names: ClassVar[dict[str, list[str]]]
+
+    features: dict[str, PolicyFeature] = field(default_factory=dict)
+    features_map: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__.removesuffix("Env")
+        check_observation_type(name, self.obs_type)
+        rate = type(self).fps
+        if self.fps != rate:
+            raise ValueError(f"{name} runs at {rate} frames a second, not {self.fps}")
+        seen = ["agent_pos", "goal", *(["environment_state"] if self.obs_type == "state" else [])]
+        self.features = {ACTION: PolicyFeature(FeatureType.ACTION, (len(self.feature_names[ACTION]),))}
+        for key in seen:
+            kind = FeatureType.ENV if key == "environment_state" else FeatureType.STATE
+            self.features[key] = PolicyFeature(kind, (len(self.feature_names[_KEYS[key]]),))
+        self.features_map = {ACTION: ACTION, **{key: _KEYS[key] for key in seen}}
+        if self.obs_type != "state":
+            images = [f"{OBS_IMAGES}.{camera}" for camera in self.cameras]
+            frame = PolicyFeature(FeatureType.VISUAL, (self.image_size, self.image_size, 3))
+            self.features |= dict.fromkeys(images, frame)
+            self.features_map |= {image: image for image in images}
+
+    @property
+    def package_name(self) -> str:
+        """Namespace of the Gymnasium id."""
+        return "gloves"
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Arguments of the Gymnasium environment."""
+        return {
+            "obs_type": self.obs_type,
+            "image_size": self.image_size,
+            "episode_length": self.episode_length,
+            "render_mode": self.render_mode,
+        }
+
+    @property
+    def demonstration_kwargs(self) -> dict[str, Any]:
+        """Its arguments where the scripted expert demonstrates."""
+        return self.gym_kwargs
+
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv]]:
+        """LeRobot's vector environment, `{type: {0: env}}`, in which one whose episode is over rests.
+
+        LeRobot's own begins another episode in it until the last of the batch has finished: work for nothing, and
+        nobody can tell that what a policy does there does not count.
+        """
+
+        def make() -> gym.Env:
+            return FreezeAfterEpisodeEnd(gym.make(self.gym_id, disable_env_checker=True, **self.gym_kwargs))
+
+        mode = AutoresetMode.SAME_STEP
+        vector: VectorEnv
+        if use_async_envs and n_envs > 1:
+            vector = AsyncVectorEnv([make] * n_envs, autoreset_mode=mode, context="forkserver")
+        else:
+            vector = SyncVectorEnv([make] * n_envs, autoreset_mode=mode)
+        return {self.type: {0: vector}}
