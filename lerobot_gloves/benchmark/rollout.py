@@ -72,7 +72,8 @@ def rollout(
 
     Args:
         env: B environments.
-        policy: Any policy. If it has an attribute `correction`, that of the wrapper, its chunks are counted.
+        policy: Any policy. The wrapper, known by its attributes `running` and `correction`, is told which episodes
+            still run, and its chunks are counted.
         prepare: From observations under LeRobot's keys to the policy's input.
         finish: From the policy's actions (B, A) to the environment's.
         seeds: B seeds of the environments.
@@ -85,6 +86,8 @@ def rollout(
     running = np.ones(env.num_envs, dtype=bool)
     limit = env.call("_max_episode_steps")[0]
     for step in range(1, limit + 1):
+        if hasattr(policy, "running"):
+            policy.running = torch.from_numpy(running.copy())
         batch = prepare({**preprocess_observation(observation), "task": tasks(env)})
         with torch.inference_mode():
             action = finish(policy.select_action(batch))
@@ -131,12 +134,12 @@ def count_chunks(episodes: Sequence[Episode], running: np.ndarray, correction: A
     """Note what became of the chunks of those episodes that still run."""
     if correction is None:
         return
-    milliseconds = correction.milliseconds / len(episodes)
+    milliseconds = correction.milliseconds / running.sum()
     for row in running.nonzero()[0]:
         episodes[row].note(
             bool(correction.edited[row]),
             float(correction.distance[row]),
-            milliseconds,
+            float(milliseconds),
             float(correction.evaluations[row]),
             None if correction.score is None else float(correction.score[row]),
         )

@@ -2,6 +2,7 @@ import json
 from itertools import pairwise
 
 import torch
+from lerobot.envs import preprocess_observation
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 from lerobot.policies import make_pre_post_processors
 from lerobot.processor import PolicyProcessorPipeline
@@ -56,3 +57,24 @@ def test_only_chunks_of_running_episodes_count_in_lerobots_loop(tmp_path, checkp
         # A chunk that is due at the very step after the end cannot be told from one of a running episode.
         assert steps in (list(range(0, length, 5)), list(range(0, length + 1, 5)))
     assert policy.statistics()["chunks"] == len(lines)
+
+
+def test_only_proposals_of_running_episodes_are_corrected(tmp_path, checkpoints):
+    """Told which episodes run, the wrapper gives them what it gives without being told, and leaves the others alone."""
+    agent = save_policy(tmp_path / "agent", "act")
+    given = {}
+    for method in ("none", "feeg"):
+        for running in (None, torch.tensor([True, False, True])):
+            policy = wrap(agent, adapter=checkpoints.adapter, method=method, seed=1, log=tmp_path / "log")
+            with slalom(batch=3) as env:
+                observation, _ = env.reset(seed=[0, 1, 2])
+            policy.reset()
+            policy.running = running
+            given[method, running is None] = policy.select_action(preprocess_observation(observation))
+            if running is not None:
+                assert policy.correction.edited.tolist() == ([True, False, True] if method == "feeg" else [False] * 3)
+                assert policy.correction.evaluations[1] == policy.correction.distance[1] == 0
+    raw, told, untold = given["none", True], given["feeg", False], given["feeg", True]
+    torch.testing.assert_close(told[[0, 2]], untold[[0, 2]])
+    assert (untold != raw).any(dim=1).all()
+    assert (told[1] == raw[1]).all()

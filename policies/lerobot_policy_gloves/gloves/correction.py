@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -39,6 +39,28 @@ class Correction:
     distance: Tensor
     evaluations: Tensor
     milliseconds: float
+
+    def spread(self, proposal: Tensor, rows: Tensor) -> "Correction":
+        """The same for B proposals (B, n, A) of which only `rows`, bool (B,), were corrected; the others pass."""
+
+        def spread(values: Tensor | None, fill: float) -> Tensor | None:
+            if values is None:
+                return None
+            everywhere = values.new_full((len(rows),), fill)
+            everywhere[rows] = values
+            return everywhere
+
+        action = proposal.clone()
+        action[rows] = self.action
+        return replace(
+            self,
+            action=action,
+            score=spread(self.score, torch.nan),
+            p_value=spread(self.p_value, torch.nan),
+            edited=spread(self.edited, False),
+            distance=spread(self.distance, 0.0),
+            evaluations=spread(self.evaluations, 0.0),
+        )
 
 
 class Corrector:

@@ -34,6 +34,8 @@ class GlovesPolicy(PreTrainedPolicy):
     Attributes:
         correction: What the last `select_action` did to the proposals that became due, a `Correction`; None if none
             became due, or there is no adapter.
+        running: Which environments' episodes still run, bool (B,), set before `select_action` by a caller who knows:
+            then only their proposals are corrected. None: all are, until the next `reset`.
     """
 
     config_class = GlovesConfig
@@ -85,6 +87,7 @@ class GlovesPolicy(PreTrainedPolicy):
             self._corrector.reset()
         self._episodes.reset()
         self.correction: Correction | None = None
+        self.running: Tensor | None = None
         self._step = 0
         self._observed: Tensor | None = None
         self._proposals: deque[Tensor] = deque()
@@ -151,7 +154,13 @@ class GlovesPolicy(PreTrainedPolicy):
         device = torch.device(self.config.device).type
         with torch.inference_mode(False), torch.no_grad(), torch.autocast(device, enabled=False):
             tensors = {key: value.clone() for key, value in observation.items() if isinstance(value, Tensor)}
-            correction = self._corrector(tensors, window.clone(), self._generators)
+            if self.running is None:
+                correction = self._corrector(tensors, window.clone(), self._generators)
+            else:
+                rows = self.running
+                some = {key: value[rows] for key, value in tensors.items()}
+                generators = [self._generators[row] for row in rows.nonzero()[:, 0].tolist()]
+                correction = self._corrector(some, window[rows], generators).spread(window, rows)
         self.correction = correction
         self._check_finite(correction.action, "the editor returned")
         self._journal.note(correction, self._episodes.first, self._step, running)
@@ -160,8 +169,11 @@ class GlovesPolicy(PreTrainedPolicy):
     def _running(self, observation: dict[str, Any]) -> Tensor:
         """Which environments still run, bool (B,): one that has finished before the others of its batch stands still.
 
-        Looks at a sample of each observation, at every step, for what has changed since the last.
+        Unless the caller has said so, looks at a sample of each observation, at every step, for what has changed since
+        the last.
         """
+        if self.running is not None:
+            return self.running
         tensors = [value for _, value in sorted(observation.items()) if isinstance(value, Tensor) and value.ndim > 1]
         states = [value.flatten(1) for value in tensors]
         now = torch.cat([state[:, :: max(1, state.shape[1] // 64)].float() for state in states], dim=1).cpu()
