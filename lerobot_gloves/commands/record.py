@@ -22,6 +22,7 @@ EXPERT_SEEDS, AGENT_SEEDS = 30000, 40000
 """Where the seeds of demonstrations and of an agent's episodes begin; other uses of an environment stay out of
 30000-49999."""
 MAX_BATCH_SIZE = 100
+AGENT_EPISODES = 400
 
 
 @dataclass
@@ -32,8 +33,8 @@ class RecordedDatasetConfig:
     repo_id: str
     # Its folder; LeRobot's folder for repo_id by default.
     root: Path | None = None
-    # How many episodes.
-    num_episodes: int = 400
+    # How many episodes; by default as many demonstrations as the paper has of the task, and 400 of an agent.
+    num_episodes: int | None = None
     # Images as video instead of one by one.
     video: bool = False
     # Upload it when it is complete.
@@ -74,8 +75,8 @@ class RecordConfig:
         user, _, name = self.dataset.repo_id.partition("/")
         if not user or not name or "/" in name:
             raise ValueError(f"dataset.repo_id must look like user/name, not {self.dataset.repo_id!r}")
-        if self.dataset.num_episodes < 1:
-            raise ValueError(f"dataset.num_episodes must be at least 1, not {self.dataset.num_episodes}")
+        if self.num_episodes < 1:
+            raise ValueError(f"dataset.num_episodes must be at least 1, not {self.num_episodes}")
         if self.num_workers < 1:
             raise ValueError(f"num_workers must be at least 1, not {self.num_workers}")
         if not 1 <= self.batch_size <= MAX_BATCH_SIZE:
@@ -86,11 +87,18 @@ class RecordConfig:
             self.seed = EXPERT_SEEDS if self.agent is None else AGENT_SEEDS
 
     @property
+    def num_episodes(self) -> int:
+        """How many episodes there shall be."""
+        if self.dataset.num_episodes is not None:
+            return self.dataset.num_episodes
+        return AGENT_EPISODES if self.agent is not None else getattr(self.env, "demonstrations", AGENT_EPISODES)
+
+    @property
     def recorded_agent(self) -> agents.Agent | None:
         """Who is recorded; None for the task's expert."""
         if self.agent is None:
             return None
-        size = min(self.batch_size, self.dataset.num_episodes)
+        size = min(self.batch_size, self.num_episodes)
         return agents.Agent(checkpoint=self.agent, perturbation=self.perturbation, batch_size=size)
 
     @property
@@ -125,7 +133,7 @@ def _is_assembled(config: RecordConfig, folder: Path) -> bool:
     if not (root / "meta" / "info.json").is_file():
         raise FileExistsError(f"{root} holds other files: choose another --dataset.root")
     found = LeRobotDatasetMetadata(config.dataset.repo_id, root=root).total_episodes
-    if not folder.exists() or found != config.dataset.num_episodes:
+    if not folder.exists() or found != config.num_episodes:
         raise FileExistsError(
             f"{root} already holds a complete dataset of {found} episodes: choose another --dataset.root or delete it"
         )
@@ -137,9 +145,10 @@ def record(config: RecordConfig) -> None:
     """Record, assemble and, if asked, push."""
     env_config = demonstrations.check_recordable(config.env)
     folder = staging.staging_folder(config.root)
-    num_episodes, agent = config.dataset.num_episodes, config.recorded_agent
+    num_episodes, agent = config.num_episodes, config.recorded_agent
     assembled = _is_assembled(config, folder)
-    settings = {"env.type": env_config.type, **env_config.gym_kwargs, "seed": config.seed}
+    played = env_config.demonstration_kwargs if agent is None else env_config.gym_kwargs
+    settings = {"env.type": env_config.type, **played, "seed": config.seed}
     staging.open_staging(folder, settings | (agent.settings() if agent else {}))
     if not assembled:
         present = len(staging.staged(folder) & set(range(num_episodes)))
@@ -165,7 +174,7 @@ def record(config: RecordConfig) -> None:
 def _episodes(config: RecordConfig, env_config: demonstrations.Recordable, folder: Path) -> Iterator[int]:
     """Stage what is missing; how many episodes there are, as they become more."""
     assert config.seed is not None
-    num_episodes, agent = config.dataset.num_episodes, config.recorded_agent
+    num_episodes, agent = config.num_episodes, config.recorded_agent
     if agent is None:
         return demonstrations.record(
             env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers

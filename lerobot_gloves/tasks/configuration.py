@@ -42,6 +42,7 @@ class TaskEnv(EnvConfig):
         modes: The task strings that exist; a demonstration's label is its string's place among them.
         cameras: Names of the cameras that pixel observations hold.
         feature_names: What each entry of a feature is, under LeRobot's keys.
+        demonstrations: How many the paper has of the task.
 
     Raises:
         ValueError: If the observation type or rate is not one that exists.
@@ -53,6 +54,7 @@ class TaskEnv(EnvConfig):
     modes: ClassVar[tuple[str, ...]]
     cameras: ClassVar[tuple[str, ...]]
     feature_names: ClassVar[dict[str, list[str]]]
+    demonstrations: ClassVar[int] = 400
 
     features: dict[str, PolicyFeature] = field(default_factory=dict)
     features_map: dict[str, str] = field(default_factory=dict)

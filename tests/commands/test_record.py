@@ -255,3 +255,11 @@ def test_an_agents_recording_killed_while_it_plays_ends_as_if_it_had_not_been(tm
     killed, whole = (LeRobotDataset("me/slalom", root=tmp_path / name) for name in ("killed", "whole"))
     assert killed.num_episodes == 12
     assert np.array_equal(np.stack(killed.hf_dataset["action"]), np.stack(whole.hf_dataset["action"]))
+
+
+def test_a_task_has_as_many_demonstrations_as_in_the_paper(tmp_path):
+    asked = config(tmp_path / "slalom", num_episodes=None)
+    assert asked.num_episodes == 400 and "num_episodes" not in asked.command
+    more = replace(asked, env=type("More", (SlalomEnv,), {"demonstrations": 450})())
+    assert more.num_episodes == 450
+    assert replace(more, agent="me/agent").num_episodes == 400
