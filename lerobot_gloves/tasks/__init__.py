@@ -1,5 +1,5 @@
 """The simulated tasks; importing this makes them known to Gymnasium and LeRobot, and loads no simulator."""
 
-from lerobot_gloves.tasks import slalom
+from lerobot_gloves.tasks import keypad, slalom
 
-__all__ = ["slalom"]
+__all__ = ["keypad", "slalom"]

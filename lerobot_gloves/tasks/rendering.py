@@ -1,6 +1,9 @@
-"""Fast software rendering: decimated meshes, no shadows, one renderer a process."""
+"""What pictures need: surroundings and cameras, and fast software rendering (decimated meshes, no shadows)."""
 
 import atexit
+import os
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,8 +54,97 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces[~degenerate]
 
 
+def add_surroundings(scene: "mujoco.MjSpec") -> None:
+    """Add what the pictures of every scene need and its physics does not: floor, light and sky."""
+    import mujoco
+
+    scene.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.9, 0.9, 0.02],
+        pos=[0.45, 0.0, -0.021],
+        rgba=[0.80, 0.75, 0.67, 1],
+        contype=0,
+        conaffinity=0,
+    )
+    scene.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[0.5, 0, 2.5],
+        dir=[-0.35, 0.25, -1],
+        diffuse=[0.5, 0.5, 0.5],
+        castshadow=False,
+    )
+    scene.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    scene.visual.headlight.diffuse = [0.3, 0.3, 0.3]
+    scene.visual.quality.offsamples = 0
+    scene.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=[0.85, 0.88, 0.92],
+        rgb2=[0.85, 0.88, 0.92],
+        width=16,
+        height=96,
+    )
+
+
+def add_camera(
+    body: "mujoco.MjsBody",
+    name: str,
+    *,
+    position: Sequence[float],
+    target: Sequence[float],
+    up: Sequence[float],
+    fovy: float,
+) -> None:
+    """Add a camera to a body of a `mujoco.MjSpec`.
+
+    Args:
+        body: The world, or what the camera shall move with.
+        name: Its name.
+        position: Where it is (3,), in the body's frame, metres.
+        target: A point (3,) in the middle of its picture.
+        up: Direction (3,) that points up in its picture; need not be orthogonal to the view.
+        fovy: Vertical field of view, degrees.
+    """
+    import mujoco
+
+    backward = np.subtract(position, target)  # a MuJoCo camera looks along its -z
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross(up, backward)
+    right = right / np.linalg.norm(right)
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.stack([right, np.cross(backward, right), backward], axis=1).ravel())
+    body.add_camera(name=name, pos=position, quat=quaternion, fovy=fovy)
+
+
+def draw(
+    model: "mujoco.MjModel",
+    joint_positions: np.ndarray,
+    camera: str,
+    size: int,
+    materials: Mapping[str, str] | None = None,
+) -> np.ndarray:
+    """A frame (size, size, 3), uint8 RGB; the renderer is made at the first one of each model and size.
+
+    Args:
+        model: A compiled scene with visual meshes; the same object for every frame.
+        joint_positions: qpos (nq,).
+        camera: Name of a camera of the scene.
+        size: Height and width in pixels.
+        materials: What else than joints can differ between frames: the material of each geom that changes its look,
+            by their names. Every call names the same geoms, as the model keeps what the last one gave them.
+    """
+    return _renderer(model, size, os.getpid())(joint_positions, camera, materials or {})
+
+
+@cache
+def _renderer(model: "mujoco.MjModel", size: int, process: int) -> "FrameRenderer":
+    """One renderer a model, size and process: an OpenGL context does not survive a fork."""
+    return FrameRenderer(model, size)
+
+
 class FrameRenderer:
-    """Draws square frames of a scene from its joint positions alone.
+    """Draws square frames of a scene from its joint positions and the materials of its geoms alone.
 
     Making one opens an OpenGL context, so it must be made in the process that draws, never before a fork.
 
@@ -79,13 +171,10 @@ class FrameRenderer:
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             flags[flag] = 0
 
-    def __call__(self, joint_positions: np.ndarray, camera: str) -> np.ndarray:
-        """A frame (size, size, 3), uint8 RGB.
-
-        Args:
-            joint_positions: qpos (nq,).
-            camera: Name of a camera of the scene.
-        """
+    def __call__(self, joint_positions: np.ndarray, camera: str, materials: Mapping[str, str]) -> np.ndarray:
+        """A frame (size, size, 3), uint8 RGB; the arguments are those of `draw`."""
+        for geom, material in materials.items():
+            self._model.geom(geom).matid = self._model.material(material).id
         self._data.qpos[:] = joint_positions
         self._mujoco.mj_kinematics(self._model, self._data)
         self._mujoco.mj_camlight(self._model, self._data)

@@ -9,7 +9,7 @@ from lerobot.policies import get_policy_class
 import lerobot_policy_gloves  # noqa: F401, registers the policies
 from lerobot_gloves.benchmark.cell import Setup, resolve_perturbation
 from lerobot_gloves.benchmark.file import complete
-from lerobot_gloves.benchmark.matrix import MOST_SETTINGS, cells
+from lerobot_gloves.benchmark.matrix import cells
 from lerobot_gloves.benchmark.paper import COLUMNS
 from lerobot_gloves.benchmark.search import check_search
 from lerobot_gloves.commands.bench import BenchConfig
@@ -43,7 +43,11 @@ def check(setup: Setup, method: str) -> None:
         assert setup.score is None and not method.endswith("+gate")
 
 
-@pytest.mark.parametrize("name", ["slalom.yaml", "slalom_search.yaml"])
+TASKS = {"slalom": 30, "keypad": 30}
+"""Episodes of a seed in the paper."""
+
+
+@pytest.mark.parametrize("name", [f"{task}{kind}.yaml" for task in TASKS for kind in ("", "_search")])
 def test_every_cell_is_valid(name: str) -> None:
     config = read(name)
     shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
@@ -55,22 +59,23 @@ def test_every_cell_is_valid(name: str) -> None:
         seen.add((cell.task, cell.column))
 
 
-def test_the_benchmark_has_the_papers_columns_on_ten_seeds() -> None:
-    config = read("slalom.yaml")
-    assert list(config.tasks["slalom"].methods) == list(COLUMNS)
-    assert (config.seeds, config.episodes, config.split) == (list(range(10)), 30, "test")
+@pytest.mark.parametrize(("task", "episodes"), TASKS.items())
+def test_the_benchmark_has_the_papers_columns_on_ten_seeds(task: str, episodes: int) -> None:
+    config = read(f"{task}.yaml")
+    assert list(config.tasks[task].methods) == list(COLUMNS)
+    assert (config.seeds, config.episodes, config.split) == (list(range(10)), episodes, "test")
 
 
-def test_the_search_gives_no_method_more_than_the_baselines() -> None:
-    config, benchmark = read("slalom_search.yaml"), read("slalom.yaml")
-    task = config.tasks["slalom"]
+@pytest.mark.parametrize("name", TASKS)
+def test_the_search_gives_no_method_more_than_the_baselines(name: str) -> None:
+    config, benchmark = read(f"{name}_search.yaml"), read(f"{name}.yaml")
+    task = config.tasks[name]
     assert check_search(config.tasks, config.split, config.seeds, config.episodes)
     assert len(config.seeds) * config.episodes == 60
     for label, method in task.methods.items():
-        if label in BASELINES:
-            assert len(method.settings) == MOST_SETTINGS, label
+        assert len(method.settings) <= min(len(task.methods[baseline].settings) for baseline in BASELINES), label
         assert (label == COLUMNS[0]) == (not method.settings), label
         # What is chosen here is for the same method there.
-        other = benchmark.tasks["slalom"].methods[label]
+        other = benchmark.tasks[name].methods[label]
         assert (method.adapter, method.gate, method.options) == (other.adapter, other.gate, other.options)
-    assert task.perturbations.items() <= benchmark.tasks["slalom"].perturbations.items()
+    assert task.perturbations.items() <= benchmark.tasks[name].perturbations.items()

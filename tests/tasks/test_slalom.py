@@ -243,5 +243,5 @@ def test_importing_the_tasks_loads_no_simulator():
 
 def test_only_tasks_with_an_expert_can_be_recorded():
     assert check_recordable(SlalomEnv()).gym_id == "gloves/Slalom-v0"
-    with pytest.raises(ValueError, match="'pusht' has no scripted expert: choose one of gloves_slalom"):
+    with pytest.raises(ValueError, match=r"'pusht' has no scripted expert: choose one of .*gloves_slalom"):
         check_recordable(PushtEnv())

@@ -5,15 +5,15 @@ line behind them through one gap of each row. Everything is in metres, in the ro
 """
 
 import itertools
-import os
 from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lerobot_gloves.tasks import rendering
 from lerobot_gloves.tasks.panda import HOME, InverseKinematics, import_mujoco, panda_scene
-from lerobot_gloves.tasks.rendering import FrameRenderer
+from lerobot_gloves.tasks.rendering import add_camera, add_surroundings
 
 if TYPE_CHECKING:
     import mujoco
@@ -79,41 +79,16 @@ def model(*, visual: bool = False) -> "mujoco.MjModel":
 
 
 def _decorate(scene: "mujoco.MjSpec", mujoco: ModuleType) -> None:
-    """Add what only pictures need: floor, lines, light, sky, camera."""
-    world = scene.worldbody
+    """Add what only pictures need: surroundings, lines, camera."""
+    add_surroundings(scene)
     for half_size, position, colour in (
-        ([0.9, 0.9, 0.02], [0.45, 0.0, -0.021], [0.80, 0.75, 0.67, 1]),
         ([0.32, 0.008, 0.001], [0.5, GOAL_Y, 0.001], [0.10, 0.70, 0.22, 1]),
         ([0.32, 0.004, 0.001], [0.5, START[1], 0.001], [0.25, 0.35, 0.85, 1]),
     ):
-        world.add_geom(
+        scene.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX, size=half_size, pos=position, rgba=colour, contype=0, conaffinity=0
         )
-    world.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0.5, 0, 2.5],
-        dir=[-0.35, 0.25, -1],
-        diffuse=[0.5, 0.5, 0.5],
-        castshadow=False,
-    )
-    scene.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    scene.visual.headlight.diffuse = [0.3, 0.3, 0.3]
-    scene.visual.quality.offsamples = 0
-    scene.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=[0.85, 0.88, 0.92],
-        rgb2=[0.85, 0.88, 0.92],
-        width=16,
-        height=96,
-    )
-    backward = np.array([0.5, 0.0, 0.866])  # a MuJoCo camera looks along its -z
-    right = np.array([0.0, 1.0, 0.0])
-    frame = np.stack([right, np.cross(backward, right), backward], axis=1)
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, frame.ravel())
-    world.add_camera(name=CAMERA, pos=[1.05, 0.0, 1.2], quat=quaternion, fovy=45)
+    add_camera(scene.worldbody, CAMERA, position=[1.05, 0, 1.2], target=[0.55, 0, 1.2 - 0.866], up=[0, 0, 1], fovy=45)
 
 
 @cache
@@ -124,10 +99,4 @@ def start_joints() -> np.ndarray:
 
 def draw(joint_positions: np.ndarray, size: int) -> np.ndarray:
     """A frame (size, size, 3), uint8 RGB, of the scene at joint angles (7,) in rad."""
-    return _renderer(size, os.getpid())(joint_positions, CAMERA)
-
-
-@cache
-def _renderer(size: int, process: int) -> FrameRenderer:
-    """One renderer a size and process: an OpenGL context does not survive a fork."""
-    return FrameRenderer(model(visual=True), size)
+    return rendering.draw(model(visual=True), joint_positions, CAMERA, size)

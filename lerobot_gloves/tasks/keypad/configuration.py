@@ -1,0 +1,67 @@
+"""Keypad under its name in LeRobot's commands: `--env.type=gloves_keypad`."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lerobot.envs import EnvConfig
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
+
+from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
+from lerobot_gloves.tasks.keypad.environment import CONTROL_HZ
+from lerobot_gloves.tasks.keypad.scene import CAMERAS, CODES, PRESSES, check_mode
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from lerobot_gloves.tasks.keypad.expert import KeypadExpert
+
+
+@EnvConfig.register_subclass("gloves_keypad")
+@dataclass
+class KeypadEnv(TaskEnv):
+    """Keypad's options; `environment.Keypad` says what they mean.
+
+    Demonstrations are single presses, whatever `episode` says.
+
+    Attributes:
+        episode: "code" or "press".
+        mode: Code of every episode, such as "4 0 8", or the button to press, such as "4"; None lets the seed choose.
+
+    Raises:
+        ValueError: If the observation type, episode, mode or rate is not one that exists.
+    """
+
+    task: str | None = "Keypad-v0"
+    fps: int = CONTROL_HZ
+    episode_length: int = 1000
+    episode: str = "code"
+    mode: str | None = None
+    modes: ClassVar[tuple[str, ...]] = (*PRESSES, *CODES)
+    cameras: ClassVar[tuple[str, ...]] = CAMERAS
+    demonstrations: ClassVar[int] = 450
+    feature_names: ClassVar[dict[str, list[str]]] = {
+        ACTION: ["dx", "dy", "dz"],
+        OBS_STATE: [f"{what}_{axis}" for what in ("tip", "set_point", "velocity") for axis in "xyz"],
+        OBS_ENV_STATE: [f"{what}_{button}" for what in ("travel", "light") for button in PRESSES],
+        OBS_GOAL: [f"button_{button}" for button in PRESSES],
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_mode(self.episode, self.mode)
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Arguments of `environment.Keypad`."""
+        return {**super().gym_kwargs, "episode": self.episode, "mode": self.mode}
+
+    @property
+    def demonstration_kwargs(self) -> dict[str, Any]:
+        """The same for single presses, which make up codes."""
+        return {**self.gym_kwargs, "episode": "press"}
+
+    def make_expert(self, rng: "np.random.Generator") -> "KeypadExpert":
+        """The scripted expert that demonstrates this task."""
+        from lerobot_gloves.tasks.keypad.expert import KeypadExpert
+
+        return KeypadExpert(rng)

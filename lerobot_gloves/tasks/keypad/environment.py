@@ -1,0 +1,230 @@
+"""Keypad as a Gymnasium environment."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from lerobot_gloves.tasks.configuration import check_observation_type
+from lerobot_gloves.tasks.keypad import scene
+from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
+
+CONTROL_HZ = 20
+MAX_DELTA = 0.01
+"""Largest set-point displacement of one action, in metres an axis."""
+
+FROM_HOME = 0.1
+"""Share of the press episodes that begin at home, with no button pressed before."""
+
+
+class Keypad(gym.Env):
+    """Enter a code of three buttons with a stylus, or press one button.
+
+    An action (3,) moves the set-point of the stylus's tip by (dx, dy, dz) metres; it is clipped to +-`MAX_DELTA` an
+    axis, and the set-point to `scene.WORKSPACE`; the stylus always points down. Control runs at 20 Hz. A button fires
+    when it has travelled 5 mm, and can fire again once it is back below 2 mm; both are looked at after every substep
+    of 2 ms. A button that fires when it is due lights up.
+
+    With episode "code", `reset(seed=s)` asks for code `scene.code_of(s)`, so that consecutive seeds ask for very
+    different codes and 729 of them for each code once; nothing else is random.
+
+    With episode "press" it asks for button s % 9 alone, and the episode is a cut-out of a code: in nine cases of ten
+    it begins with a random button, maybe the same one, just pressed and lit, the stylus still on it and up to nine
+    steps deeper, as an agent that executes its chunk to the end leaves it; in half of these the light of a further
+    random button is on. The others begin like a code. The seed settles all of that.
+
+    Observations:
+        agent_pos: (9,) tip xyz and set-point xyz, metres; velocity of the tip, metres a second.
+        environment_state: (18,) travels of the buttons, metres; their lights, 0 or 1; only with obs_type "state".
+        pixels: {"third_person", "wrist": (image_size, image_size, 3) uint8}; only with obs_type "pixels_agent_pos".
+            Which button is due cannot be seen in them.
+        goal: (9,) one-hot button that is due now; it moves on at each press.
+
+    Every `info` holds `is_success` (all was entered in order) and `failure`: "" or why the episode ended without
+    success: "wrong_button" (another button than the one due fired), "collision" (the stylus touched the frame or
+    the plate below) or "timeout". The reward is 1 at success, else 0.
+
+    Args:
+        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`.
+        image_size: Height and width of observed and rendered frames, in pixels.
+        episode_length: Control steps until a timeout.
+        episode: "code" or "press".
+        mode: Code of every episode, such as "4 0 8", or the button to press, such as "4"; None lets the seed choose.
+            `options={"mode": ...}` of `reset` goes before it.
+        render_mode: Only "rgb_array".
+
+    Raises:
+        ValueError: If the observation type, episode or mode is unknown.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+
+    def __init__(
+        self,
+        *,
+        obs_type: str = "state",
+        image_size: int = 256,
+        episode_length: int = 1000,
+        episode: str = "code",
+        mode: str | None = None,
+        render_mode: str = "rgb_array",
+    ) -> None:
+        check_observation_type("Keypad", obs_type)
+        scene.check_mode(episode, mode)
+        self.render_mode = render_mode
+        self._obs_type, self._image_size = obs_type, image_size
+        self._episode, self._fixed_mode = episode, mode
+        self._max_episode_steps = episode_length
+        self.action_space = gym.spaces.Box(-MAX_DELTA, MAX_DELTA, (3,), np.float32)
+        buttons = len(scene.BUTTONS)
+        spaces: dict[str, gym.Space] = {
+            "agent_pos": gym.spaces.Box(-np.inf, np.inf, (9,), np.float32),
+            "goal": gym.spaces.Box(0.0, 1.0, (buttons,), np.float32),
+        }
+        if obs_type == "state":
+            spaces["environment_state"] = gym.spaces.Box(-np.inf, np.inf, (2 * buttons,), np.float32)
+        else:
+            frame = gym.spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
+            spaces["pixels"] = gym.spaces.Dict(dict.fromkeys(scene.CAMERAS, frame))
+        self.observation_space = gym.spaces.Dict(spaces)
+
+        self._mujoco = import_mujoco()
+        self._model = scene.model()
+        self._data = self._mujoco.MjData(self._model)
+        self._inverse_kinematics = InverseKinematics(self._model)
+        self._tip = self._model.site(f"{PREFIX}tip").id
+        # The stylus can touch the buttons and what belongs to the world.
+        self._is_frame = (self._model.geom_bodyid == 0) & (self._model.geom_conaffinity == 1)
+        self._travels = self._data.qpos[7:]
+        self._substeps = round(1 / CONTROL_HZ / self._model.opt.timestep)
+        self._begin(mode or scene.EPISODES[episode][0], scene.START)
+
+    @property
+    def task_description(self) -> str:
+        """The requested code, such as "4 0 8", or the button to press."""
+        return self._mode
+
+    @property
+    def task(self) -> str:
+        """The same, under the other name that LeRobot asks for."""
+        return self._mode
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Settles the code or the button, and how a press episode begins; None draws them.
+            options: `{"mode": "4 0 8"}` fixes the code or the button; other keys are ignored.
+
+        Raises:
+            ValueError: If the mode is unknown.
+        """
+        super().reset(seed=seed)
+        mode = (options or {}).get("mode") or self._fixed_mode
+        if mode is None:
+            number = int(self.np_random.integers(len(scene.CODES))) if seed is None else seed
+            mode = scene.code_of(number) if self._episode == "code" else scene.PRESSES[number % len(scene.PRESSES)]
+        scene.check_mode(self._episode, mode)
+        if self._episode == "press" and self.np_random.random() >= FROM_HOME:
+            self._begin_pressed(mode)
+        else:
+            self._begin(mode, scene.START)
+        return self._observation(), {"is_success": False, "failure": ""}
+
+    def _begin(self, mode: str, position: np.ndarray) -> None:
+        self._mode = mode
+        self._due = [int(button) for button in mode.split()]
+        self._steps = 0
+        self._set_point = position.copy()
+        self._joints = self._inverse_kinematics.solve(position, scene.start_joints(), iterations=20)
+        self._mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[:7] = self._joints
+        self._data.ctrl[:] = self._joints
+        self._mujoco.mj_forward(self._model, self._data)
+        self._armed = np.ones(len(scene.BUTTONS), dtype=bool)
+        self._lights = np.zeros(len(scene.BUTTONS), dtype=bool)
+
+    def _begin_pressed(self, mode: str) -> None:
+        """Begin with a random button just pressed, by moves a little more varied than the expert's."""
+        rng = self.np_random
+        button, other = map(int, rng.integers(len(scene.BUTTONS), size=2))
+        begin = [*scene.BUTTONS[button] + rng.uniform(-0.009, 0.009, 2), scene.FRAME_TOP]
+        move = np.array([*rng.uniform(-0.0003, 0.0003, 2), -rng.uniform(0.002, 0.0045)])
+        deeper = int(rng.integers(10))
+        self._begin(mode, np.array(begin))
+        requested = len(self._due)
+        self._due = [button, *self._due]
+        while len(self._due) > requested:
+            self._move(move)
+        for _ in range(deeper):
+            self._move(move)
+        if rng.random() < 0.5:
+            self._lights[other] = True
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Move the set-point and simulate one twentieth of a second, or less if the episode ends before.
+
+        Args:
+            action: (3,) displacement of the set-point, metres.
+
+        Raises:
+            ValueError: If the action is not three finite numbers.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (3,) or not np.isfinite(action).all():
+            raise ValueError(f"a Keypad action is three finite numbers (dx, dy, dz) in metres, not {action.tolist()}")
+        failure = self._move(np.clip(action, -MAX_DELTA, MAX_DELTA))
+        self._steps += 1
+        success = not self._due
+        terminated = success or bool(failure)
+        truncated = not terminated and self._steps >= self._max_episode_steps
+        if truncated:
+            failure = "timeout"
+        info = {"is_success": success, "failure": failure}
+        return self._observation(), float(success), terminated, truncated, info
+
+    def _move(self, delta: np.ndarray) -> str:
+        """Simulate one control step, or the part of it after which nothing is due or all is lost; returns why it is."""
+        self._set_point = np.clip(self._set_point + delta, *scene.WORKSPACE)
+        self._joints = self._inverse_kinematics.solve(self._set_point, self._joints, iterations=3)
+        self._data.ctrl[:] = self._joints
+        for _ in range(self._substeps):
+            self._mujoco.mj_step(self._model, self._data)
+            if self._data.ncon and self._touches_frame():
+                return "collision"
+            self._armed |= self._travels < scene.REARM
+            for button in (self._armed & (self._travels > scene.PRESS)).nonzero()[0]:
+                self._armed[button] = False
+                if button != self._due[0]:
+                    return "wrong_button"
+                self._lights[button] = True
+                self._due = self._due[1:]
+                if not self._due:
+                    return ""
+        return ""
+
+    def _touches_frame(self) -> bool:
+        return bool(self._is_frame[self._data.contact.geom].any())
+
+    def _observation(self) -> dict[str, Any]:
+        velocity = np.zeros(6)  # angular, then linear
+        site = self._mujoco.mjtObj.mjOBJ_SITE
+        self._mujoco.mj_objectVelocity(self._model, self._data, site, self._tip, velocity, 0)
+        goal = np.zeros(len(scene.BUTTONS), dtype=np.float32)
+        goal[self._due[:1]] = 1.0
+        state = np.concatenate([self._data.site_xpos[self._tip], self._set_point, velocity[3:]])
+        observation: dict[str, Any] = {"agent_pos": state.astype(np.float32), "goal": goal}
+        if self._obs_type == "state":
+            observation["environment_state"] = np.concatenate([self._travels, self._lights]).astype(np.float32)
+        else:
+            observation["pixels"] = {camera: self._draw(camera) for camera in scene.CAMERAS}
+        return observation
+
+    def render(self) -> np.ndarray:
+        """The third-person camera's frame (image_size, image_size, 3), uint8 RGB."""
+        return self._draw(scene.CAMERAS[0])
+
+    def _draw(self, camera: str) -> np.ndarray:
+        return scene.draw(self._data.qpos, self._lights, camera, self._image_size)
