@@ -138,4 +138,6 @@ def features(env_config: Recordable, observation: Mapping[str, Any]) -> dict[str
     """An observation of the environment, or a batch of them, under LeRobot's keys."""
     values = {f"{OBS_IMAGES}.{camera}": frame for camera, frame in observation.get("pixels", {}).items()}
     values |= {key: value for key, value in observation.items() if key != "pixels"}
-    return {env_config.features_map[key]: value for key, value in values.items()}
+    # An environment may show its expert more than it shows a policy.
+    names = env_config.features_map
+    return {names[key]: value for key, value in values.items() if key in names}

@@ -43,7 +43,7 @@ def check(setup: Setup, method: str) -> None:
         assert setup.score is None and not method.endswith("+gate")
 
 
-TASKS = {"slalom": 30, "keypad": 30}
+TASKS = {"slalom": 30, "keypad": 30, "can": 32}
 """Episodes of a seed in the paper."""
 
 

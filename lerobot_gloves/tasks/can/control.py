@@ -1,0 +1,93 @@
+"""robosuite's OSC_POSE controller and Panda gripper, without robosuite's surroundings.
+
+The law is that of `robosuite.controllers.parts.arm.osc` with its default settings (Khatib 1987, uncoupled), read from
+MuJoCo directly: a control step takes a fraction of the time, and nothing but `OperationalSpaceControl` and
+`mujoco.MjData` holds a state.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lerobot_gloves.tasks.can.scene import ARM, FINGERS, GRIP_SITE
+from lerobot_gloves.tasks.panda import import_mujoco
+
+if TYPE_CHECKING:
+    import mujoco
+
+LARGEST_DELTA = np.array([0.05, 0.05, 0.05, 0.5, 0.5, 0.5])
+"""What an action of 1 means: metres for the position, rad for the orientation."""
+STIFFNESS = 150.0
+DAMPING = 2 * np.sqrt(STIFFNESS)
+POSTURE_STIFFNESS = 10.0
+POSTURE_DAMPING = 2 * np.sqrt(POSTURE_STIFFNESS)
+FINGER_STEP = 0.2
+"""Share of the half opening that one control step moves the fingers' set-point."""
+
+
+class OperationalSpaceControl:
+    """Moves the hand by position and orientation deltas, and the fingers at one speed open or closed.
+
+    Args:
+        model: The physics of `scene.model`.
+        data: What is simulated; joint angles and controls are read and written there.
+    """
+
+    def __init__(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
+        self._mujoco = import_mujoco()
+        self._model, self._data = model, data
+        self._site = model.site(GRIP_SITE).id
+        self._lowest, self._highest = model.actuator_ctrlrange[ARM].T
+        self._finger_middle = model.actuator_ctrlrange[FINGERS].mean(axis=1)
+        self._finger_reach = np.array([-1.0, 1.0]) * np.ptp(model.actuator_ctrlrange[FINGERS], axis=1) / 2
+        self._jacobian = np.zeros((6, model.nv))
+        self._inertia = np.zeros((model.nv, model.nv))
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin an episode; the arm's joint angles become the posture it prefers."""
+        self._posture = self._data.qpos[ARM].copy()
+        self._closing = 0.0  # -1 open, 1 closed
+
+    def set_goal(self, action: np.ndarray) -> None:
+        """Take an action (7,) in [-1, 1]: the goal lies that far from where the hand is now.
+
+        The state's positions must be current (`mj_step1`).
+        """
+        delta = action[:6] * LARGEST_DELTA
+        turn, rotation = np.zeros(4), np.zeros(9)
+        angle = float(np.linalg.norm(delta[3:]))
+        if angle > 0:
+            self._mujoco.mju_axisAngle2Quat(turn, delta[3:] / angle, angle)
+        else:
+            turn[0] = 1.0
+        self._mujoco.mju_quat2Mat(rotation, turn)
+        self._goal = self._data.site_xpos[self._site] + delta[:3]
+        self._goal_axes = rotation.reshape(3, 3) @ self._data.site_xmat[self._site].reshape(3, 3)
+        self._closing = float(np.clip(self._closing + FINGER_STEP * np.sign(action[6]), -1.0, 1.0))
+        self._data.ctrl[FINGERS] = self._finger_middle + self._closing * self._finger_reach
+
+    def apply(self) -> None:
+        """Write the arm's torques for one physics step, between `mj_step1` and `mj_step2`."""
+        mujoco, model, data = self._mujoco, self._model, self._data
+        mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], self._site)
+        mujoco.mj_fullM(model, self._inertia, data.qM)
+        jacobian, inertia = self._jacobian[:, ARM], self._inertia[ARM, ARM]
+        velocity = data.qvel[ARM]
+
+        # Half the sum of the axes' cross products with those of the goal.
+        turned = self._goal_axes @ data.site_xmat[self._site].reshape(3, 3).T
+        error = np.empty(6)
+        error[:3] = self._goal - data.site_xpos[self._site]
+        error[3] = 0.5 * (turned[2, 1] - turned[1, 2])
+        error[4] = 0.5 * (turned[0, 2] - turned[2, 0])
+        error[5] = 0.5 * (turned[1, 0] - turned[0, 1])
+        wanted = STIFFNESS * error - DAMPING * (jacobian @ velocity)
+
+        posture = POSTURE_STIFFNESS * (self._posture - data.qpos[ARM]) - POSTURE_DAMPING * velocity
+        mobility = jacobian @ np.linalg.solve(inertia, jacobian.T)  # inverse of the inertia that the hand feels
+        force = -np.linalg.solve(mobility, jacobian @ posture)  # what keeps the posture out of the hand's way
+        force[:3] += np.linalg.solve(mobility[:3, :3], wanted[:3])
+        force[3:] += np.linalg.solve(mobility[3:, 3:], wanted[3:])
+        torques = jacobian.T @ force + inertia @ posture + data.qfrc_bias[ARM]
+        data.ctrl[ARM] = np.clip(torques, self._lowest, self._highest)

@@ -1,0 +1,211 @@
+"""CAN as a Gymnasium environment."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from lerobot_gloves.tasks.can import scene
+from lerobot_gloves.tasks.can.control import OperationalSpaceControl
+from lerobot_gloves.tasks.configuration import check_observation_type
+from lerobot_gloves.tasks.panda import HOME, import_mujoco
+
+CONTROL_HZ = 20
+SETTLED_SPEED = 0.02
+"""A can whose centre moves slower than this, in m/s, ..."""
+SETTLED_STEPS = 5
+"""... and that no part of the hand touches, for so many control steps on end, rests."""
+
+
+class Can(gym.Env):
+    """Pick up the can and place it in the requested quadrant of the destination bin.
+
+    The scene, the control at 20 Hz and the draws at the start are those of robosuite's PickPlaceCan. Episode s is for
+    quadrant s mod 4 when it is reset with seed s; the arm's joint angles and the can's pose at the start come from the
+    same seed. Nothing else is random.
+
+    An action (7,) in [-1, 1] moves the hand by (x, y, z) times 0.05 metres and turns it by the rotation vector
+    (3,) times 0.5 rad, in the world frame, from where it is; the last entry opens the fingers where it is negative
+    and closes them where it is positive.
+
+    Observations:
+        agent_pos: (8,) position of the grip (metres) and orientation of the hand (quaternion w, x, y, z with
+            x + y >= 0, about (0, 0.7, 0.7, 0) at home), distance of the fingers (metres).
+        environment_state: (9,) position of the can (metres), direction of its axis, its position relative to the
+            grip (metres); with obs_type "state" or `privileged`. The can is round: its axis is its orientation.
+        pixels: {"third_person", "wrist": (image_size, image_size, 3) uint8}; only with obs_type "pixels_agent_pos".
+            The requested quadrant cannot be seen in them.
+        goal: (4,) one-hot quadrant, in the order of `scene.QUADRANTS`.
+
+    Every `info` holds `is_success` (the can rests in the requested quadrant, and the hand has let go of it: slower
+    than `SETTLED_SPEED` and untouched for `SETTLED_STEPS`) and `failure`: "" or why the episode ended without
+    success: "dropped" (the can fell below the bins), or, at the end of time, "wrong_quadrant" (it rests in another
+    quadrant) or "timeout" (anything else). The reward is 1 at success, else 0.
+
+    Args:
+        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`.
+        image_size: Height and width of observed and rendered frames, in pixels.
+        episode_length: Control steps until a timeout.
+        mode: Quadrant of every episode, as an instruction or as a name such as "top left"; None lets the seed choose.
+            `options={"mode": ...}` of `reset` goes before it.
+        privileged: Whether `environment_state` comes even beside pixels, for a scripted expert.
+        render_mode: Only "rgb_array".
+
+    Raises:
+        ValueError: If the observation type or mode is unknown.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+
+    def __init__(
+        self,
+        *,
+        obs_type: str = "state",
+        image_size: int = 256,
+        episode_length: int = 400,
+        mode: str | None = None,
+        privileged: bool = False,
+        render_mode: str = "rgb_array",
+    ) -> None:
+        check_observation_type("Can", obs_type)
+        if mode is not None:
+            scene.parse_mode(mode)
+        self.render_mode = render_mode
+        self._image_size, self._fixed_mode = image_size, mode
+        self._sees_scene, self._sees_pixels = obs_type == "state" or privileged, obs_type != "state"
+        self._max_episode_steps = episode_length
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (7,), np.float32)
+        spaces: dict[str, gym.Space] = {
+            "agent_pos": gym.spaces.Box(-np.inf, np.inf, (8,), np.float32),
+            "goal": gym.spaces.Box(0.0, 1.0, (4,), np.float32),
+        }
+        if self._sees_scene:
+            spaces["environment_state"] = gym.spaces.Box(-np.inf, np.inf, (9,), np.float32)
+        if self._sees_pixels:
+            frame = gym.spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
+            spaces["pixels"] = gym.spaces.Dict(dict.fromkeys(scene.CAMERAS, frame))
+        self.observation_space = gym.spaces.Dict(spaces)
+
+        self._mujoco = import_mujoco()
+        self._model = scene.model()
+        self._data = self._mujoco.MjData(self._model)
+        self._control = OperationalSpaceControl(self._model, self._data)
+        self._substeps = round(1 / CONTROL_HZ / self._model.opt.timestep)
+        self._grip = self._model.site(scene.GRIP_SITE).id
+        self._can = self._model.body(scene.CAN_BODY).id
+        roots = self._model.body_rootid[self._model.geom_bodyid]  # one for the robot, one for the can
+        self._is_robot = roots == self._model.body_rootid[self._model.body(scene.HAND_BODY).id]
+        self._is_can = roots == self._can
+        self._begin(0 if mode is None else scene.parse_mode(mode))
+
+    @property
+    def task_description(self) -> str:
+        """The instruction."""
+        return scene.MODES[self._quadrant]
+
+    @property
+    def task(self) -> str:
+        """The same, under the other name that LeRobot asks for."""
+        return self.task_description
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Chooses quadrant `seed % 4` and where arm and can are; None draws them.
+            options: `{"mode": "top left"}` fixes the quadrant; other keys are ignored.
+
+        Raises:
+            ValueError: If the mode is unknown.
+        """
+        super().reset(seed=seed)
+        mode = (options or {}).get("mode") or self._fixed_mode
+        if mode is not None:
+            quadrant = scene.parse_mode(mode)
+        else:
+            quadrant = int(self.np_random.integers(4)) if seed is None else seed % 4
+        self._begin(quadrant)
+        return self._observation(), {"is_success": False, "failure": ""}
+
+    def _begin(self, quadrant: int) -> None:
+        self._quadrant = quadrant
+        self._steps = self._settled = 0
+        mujoco, model, data, rng = self._mujoco, self._model, self._data, self.np_random
+        mujoco.mj_resetData(model, data)
+        data.qpos[scene.ARM] = HOME + scene.INITIAL_NOISE * rng.standard_normal(7)
+        data.qpos[scene.FINGERS] = scene.HALF_OPEN
+        xy = scene.SOURCE_BIN[:2] + rng.uniform(-scene.CAN_SPREAD, scene.CAN_SPREAD)
+        turn = rng.uniform(0, np.pi)  # half of the angle
+        data.qpos[scene.CAN] = [*xy, scene.RESTING_HEIGHT, np.cos(turn), 0, 0, np.sin(turn)]
+        self._control.reset()
+        mujoco.mj_forward(model, data)
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Simulate one twentieth of a second.
+
+        Args:
+            action: (7,), clipped to [-1, 1].
+
+        Raises:
+            ValueError: If the action is not seven finite numbers.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (7,) or not np.isfinite(action).all():
+            raise ValueError(f"a CAN action is seven finite numbers, not {action.tolist()}")
+        self._simulate(np.clip(action, -1.0, 1.0))
+        self._steps += 1
+        self._settled = self._settled + 1 if self._is_left_alone() else 0
+        position = self._data.xpos[self._can]
+        quadrant = scene.quadrant_of(position) if self._settled >= SETTLED_STEPS else None
+        success = quadrant == self._quadrant
+        failure = "dropped" if position[2] < scene.DESTINATION_BIN[2] else ""
+        terminated = success or bool(failure)
+        truncated = not terminated and self._steps >= self._max_episode_steps
+        if truncated:
+            failure = "timeout" if quadrant is None else "wrong_quadrant"
+        info = {"is_success": success, "failure": failure}
+        return self._observation(), float(success), terminated, truncated, info
+
+    def _simulate(self, action: np.ndarray) -> None:
+        mujoco, model, data = self._mujoco, self._model, self._data
+        for substep in range(self._substeps):
+            mujoco.mj_step1(model, data)
+            if substep == 0:
+                self._control.set_goal(action)
+            self._control.apply()
+            mujoco.mj_step2(model, data)
+        mujoco.mj_kinematics(model, data)  # a physics step ends with new joint positions and old poses
+
+    def _is_left_alone(self) -> bool:
+        """Whether the can is slow and the robot does not touch it."""
+        geoms = self._data.contact.geom
+        touched = (self._is_robot[geoms].any(axis=1) & self._is_can[geoms].any(axis=1)).any()
+        return not touched and float(np.linalg.norm(self._data.qvel[scene.CAN_VELOCITY])) < SETTLED_SPEED
+
+    def _observation(self) -> dict[str, Any]:
+        data = self._data
+        grip, can = data.site_xpos[self._grip], data.xpos[self._can]
+        orientation = np.zeros(4)
+        self._mujoco.mju_mat2Quat(orientation, data.site_xmat[self._grip])
+        if orientation[1] + orientation[2] < 0:
+            orientation = -orientation
+        width = -np.diff(data.qpos[scene.FINGERS])
+        observation: dict[str, Any] = {
+            "agent_pos": np.concatenate([grip, orientation, width]).astype(np.float32),
+            "goal": np.eye(4, dtype=np.float32)[self._quadrant],
+        }
+        if self._sees_scene:
+            axis = data.xmat[self._can].reshape(3, 3)[:, 2]
+            observation["environment_state"] = np.concatenate([can, axis, can - grip]).astype(np.float32)
+        if self._sees_pixels:
+            observation["pixels"] = {name: self._draw(name) for name in scene.CAMERAS}
+        return observation
+
+    def _draw(self, camera: str) -> np.ndarray:
+        return scene.draw(self._data.qpos, camera, self._image_size)
+
+    def render(self) -> np.ndarray:
+        """The third-person camera's frame (image_size, image_size, 3), uint8 RGB."""
+        return self._draw("third_person")
