@@ -70,7 +70,7 @@ class Models:
         source = Path(f"configs/cpu/{self.task}_{model}.yaml")
         wanted = self.steps or yaml.safe_load(source.read_text())["steps"]
         if last.is_dir():
-            if int(last.parent.resolve().name) >= wanted:
+            if max(int(checkpoint.name) for checkpoint in last.parent.parent.glob("[0-9]*")) >= wanted:
                 return []
             source, options = last / "train_config.json", ("--resume=true",)
         else:
