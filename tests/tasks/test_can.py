@@ -1,7 +1,6 @@
 import subprocess
 import sys
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from lerobot.envs import make_env, preprocess_observation
@@ -238,36 +237,6 @@ def test_lerobot_makes_vector_environments(obs_type, use_async):
         assert rewards.tolist() == [0.0, 0.0]
     finally:
         env.close()
-
-
-def test_the_environment_answers_gymnasium_as_it_promises():
-    env = gym.make("gloves/Can-v0")  # checks spaces and return types as it is used
-    observation, _ = env.reset(seed=1)
-    assert env.observation_space.contains(observation)
-    env.action_space.seed(0)
-    for _ in range(5):
-        observation, *_ = env.step(env.action_space.sample())
-        assert env.observation_space.contains(observation)
-
-
-@pytest.mark.parametrize("action", [[np.nan] * 7, [0.0] * 6 + [np.inf], [0.0] * 6, [[0.0] * 7]])
-def test_an_impossible_action_is_refused(env, action):
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="seven finite numbers"):
-        env.step(np.array(action))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"obs_type": "pixels"}, "'pixels': choose one of state, pixels_agent_pos"),
-        ({"mode": "left"}, "'left': choose one of top left, top right, bottom left, bottom right"),
-    ],
-)
-@pytest.mark.parametrize("cls", [Can, CanEnv])
-def test_unknown_options_are_refused_with_the_valid_ones(cls, options, message):
-    with pytest.raises(ValueError, match=message):
-        cls(**options)
 
 
 def test_a_missing_robosuite_is_one_clear_line(monkeypatch):

@@ -2,7 +2,6 @@ import importlib
 import subprocess
 import sys
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from lerobot.envs import make_env, preprocess_observation
@@ -188,37 +187,6 @@ def test_lerobot_makes_vector_environments(obs_type, use_async):
         assert info["final_info"]["is_success"][0]
     finally:
         env.close()
-
-
-def test_the_environment_answers_gymnasium_as_it_promises():
-    env = gym.make("gloves/Slalom-v0")  # checks spaces and return types as it is used
-    observation, _ = env.reset(seed=1)
-    assert env.observation_space.contains(observation)
-    env.action_space.seed(0)
-    for _ in range(5):
-        observation, *_ = env.step(env.action_space.sample())
-        assert env.observation_space.contains(observation)
-
-
-@pytest.mark.parametrize("action", [[np.nan, 0.0], [np.inf, 0.0], [0.0], [[0.0, 0.0]]])
-def test_an_impossible_action_is_refused(env, action):
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="two finite numbers"):
-        env.step(np.array(action))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"obs_type": "pixels"}, "'pixels': choose one of state, pixels_agent_pos"),
-        ({"mode": "2 0 0"}, "'2 0 0': give three gaps as in '0 2 3'"),
-        ({"mode": "023"}, "'023'"),
-    ],
-)
-@pytest.mark.parametrize("cls", [Slalom, SlalomEnv])
-def test_unknown_options_are_refused_with_the_valid_ones(cls, options, message):
-    with pytest.raises(ValueError, match=message):
-        cls(**options)
 
 
 def test_a_missing_or_unusable_simulator_is_one_clear_line(monkeypatch):

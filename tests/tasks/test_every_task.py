@@ -1,0 +1,59 @@
+"""What holds for every task's environment alike."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from lerobot.envs import EnvConfig
+
+import lerobot_gloves.tasks  # noqa: F401
+from lerobot_gloves.tasks.configuration import TaskEnv
+
+TASKS = {
+    "gloves_slalom": ("two", {"2 0 0": "'2 0 0': give three gaps as in '0 2 3'", "023": "'023'"}),
+    "gloves_keypad": ("three", {"4 0 9": "'4 0 9': give three buttons as in '4 0 8'", "4": "no code '4'"}),
+    "gloves_can": ("seven", {"left": "'left': choose one of top left, top right, bottom left, bottom right"}),
+}
+"""How many numbers an action is, and wrong modes with what is said of them."""
+
+
+def config(name: str) -> TaskEnv:
+    return EnvConfig.get_choice_class(name)()
+
+
+def test_no_task_is_left_out():
+    assert TASKS.keys() == {name for name in EnvConfig.get_known_choices() if name.startswith("gloves_")}
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_environment_answers_gymnasium_as_it_promises(name):
+    env = gym.make(config(name).gym_id)  # checks spaces and return types as it is used
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    env.action_space.seed(0)
+    for _ in range(5):
+        observation, *_ = env.step(env.action_space.sample())
+        assert env.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize(("name", "number"), [(name, number) for name, (number, _) in TASKS.items()])
+def test_an_impossible_action_is_refused(name, number):
+    env = gym.make(config(name).gym_id, disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    size = env.action_space.shape[0]
+    for action in ([np.nan, *[0.0] * (size - 1)], [*[0.0] * (size - 1), np.inf], [0.0] * (size - 1), [[0.0] * size]):
+        with pytest.raises(ValueError, match=f"{number} finite numbers"):
+            env.step(np.array(action))
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_unknown_options_are_refused_with_the_valid_ones(name):
+    known = config(name)
+    messages = {"'pixels': choose one of state, pixels_agent_pos": {"obs_type": "pixels"}}
+    messages |= {message: {"mode": mode} for mode, message in TASKS[name][1].items()}
+    for message, options in messages.items():
+        with pytest.raises(ValueError, match=message):
+            type(known)(**options)
+        with pytest.raises(ValueError, match=message):
+            gym.make(known.gym_id, disable_env_checker=True, **options)
+    with pytest.raises(ValueError, match="20 frames a second, not 30"):
+        type(known)(fps=30)
