@@ -23,7 +23,7 @@ def measure(config: TaskEnv, seconds: float) -> tuple[float, float, float, float
     """Seconds until the first observation, CPU seconds of a later reset; control steps a CPU second and a second."""
     task = check_recordable(config)
     begin = time.perf_counter()
-    env = gym.make(config.gym_id, disable_env_checker=True, **config.gym_kwargs)
+    env = gym.make(config.gym_id, disable_env_checker=True, **config.demonstration_kwargs)
     env.reset(seed=0)
     start_up = time.perf_counter() - begin
     steps, episodes, wall, cpu, resetting = 0, 0, 0.0, 0.0, 0.0
