@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from lerobot.envs import EnvConfig
 
-import lerobot_gloves.tasks  # noqa: F401
+import lerobot_gloves.tasks
 
 SEED = 50000
 
@@ -31,8 +31,7 @@ def play(config: EnvConfig, env: gym.Env, seed: int, *, jostled: bool) -> tuple[
 def main() -> None:
     """Print one row for each task, kind of episode and condition."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    tasks = [name.removeprefix("gloves_") for name in EnvConfig.get_known_choices() if name.startswith("gloves_")]
-    parser.add_argument("tasks", nargs="+", choices=sorted(tasks))
+    parser.add_argument("tasks", nargs="+", choices=lerobot_gloves.tasks.__all__)
     parser.add_argument("--episodes", type=int, default=200)
     arguments = parser.parse_args()
     print(f"seeds {SEED} to {SEED + arguments.episodes - 1}\n")

@@ -6,7 +6,6 @@ frame of each camera.
 
 import argparse
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -18,8 +17,12 @@ import lerobot_gloves.tasks
 from lerobot_gloves.recording.demonstrations import check_recordable
 from lerobot_gloves.tasks.configuration import TaskEnv
 
+IMAGE_SIZES = (96, 256)
+SECONDS = 5.0
+"""Of simulation for each row."""
 
-def measure(config: TaskEnv, seconds: float) -> tuple[float, float, float, float]:
+
+def measure(config: TaskEnv) -> tuple[float, float, float, float]:
     """Seconds until the first observation, CPU seconds of a later reset; control steps a CPU second and a second."""
     task = check_recordable(config)
     begin = time.perf_counter()
@@ -27,7 +30,7 @@ def measure(config: TaskEnv, seconds: float) -> tuple[float, float, float, float
     env.reset(seed=0)
     start_up = time.perf_counter() - begin
     steps, episodes, wall, cpu, resetting = 0, 0, 0.0, 0.0, 0.0
-    while wall < seconds:
+    while wall < SECONDS:
         begin_cpu = time.process_time()
         observation, _ = env.reset(seed=episodes)
         resetting += time.process_time() - begin_cpu
@@ -35,7 +38,7 @@ def measure(config: TaskEnv, seconds: float) -> tuple[float, float, float, float
         expert.reset(env.get_wrapper_attr("task_description"))
         episodes += 1
         over = False
-        while not over and wall < seconds:
+        while not over and wall < SECONDS:
             action = expert.act(observation)
             begin, begin_cpu = time.perf_counter(), time.process_time()
             observation, _, terminated, truncated, _ = env.step(action)
@@ -47,25 +50,23 @@ def measure(config: TaskEnv, seconds: float) -> tuple[float, float, float, float
     return start_up, resetting / episodes, steps / cpu, steps / wall
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Print one row for each task and kind of observation."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="+", choices=lerobot_gloves.tasks.__all__)
-    parser.add_argument("--image-sizes", nargs="*", type=int, default=[96, 256], help="of square frames, in pixels")
-    parser.add_argument("--seconds", type=float, default=5.0, help="of simulation for each row")
-    options = parser.parse_args(arguments)
+    arguments = parser.parse_args()
     print(
         "| task | observations | first one, s | reset, CPU ms | control steps / CPU second | control steps / second |"
     )
     print("|---|---|---|---|---|---|")
-    for name in options.tasks:
+    for name in arguments.tasks:
         config = cast(TaskEnv, EnvConfig.get_choice_class(f"gloves_{name}")())
         pictures = "pixels" if len(config.cameras) == 1 else f"pixels, {len(config.cameras)} cameras"
         rows = {"state": config}
-        for size in options.image_sizes:
+        for size in IMAGE_SIZES:
             rows[f"{size} x {size} {pictures}"] = replace(config, obs_type="pixels_agent_pos", image_size=size)
         for observations, row in rows.items():
-            start_up, reset, cpu, wall = measure(row, options.seconds)
+            start_up, reset, cpu, wall = measure(row)
             print(f"| {name} | {observations} | {start_up:.2f} | {1000 * reset:.1f} | {cpu:.0f} | {wall:.0f} |")
 
 

@@ -7,7 +7,6 @@ Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
 
 import argparse
 import json
-import re
 import shutil
 import time
 from pathlib import Path
@@ -16,12 +15,11 @@ import yaml
 
 from lerobot_gloves.calibration import CALIBRATION_NAME
 from lerobot_gloves.demo.processes import Job, console_script, run
-from lerobot_gloves.recording.staging import staging_folder
+from lerobot_gloves.demo.training import PROGRESS, is_recorded, steps_done
 from lerobot_gloves.sources import SOURCES
 
 MODELS = ("agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
 SCORES = '--scores=["reverse:steps=1", "reverse:steps=5"]'
-PROGRESS = re.compile(r"(?:recording|Training|Scoring): .*?(?P<done>\d+)/(?P<total>\d+) ")
 
 
 class Models:
@@ -59,7 +57,7 @@ class Models:
         """Demonstrations, or an agent's proposals."""
         name = f"{self.task}_{kind}"
         root = Path("outputs/datasets") / name
-        if (root / "meta" / "info.json").is_file() and not staging_folder(root).exists():
+        if is_recorded(root):
             return []
         workers = f"--num_workers={self.num_workers}"
         return [self.job(f"recording {kind}", "gloves", "record", *self.env, *self.dataset(name), *options, workers)]
@@ -69,8 +67,8 @@ class Models:
         folder, last = self.root / model, self.checkpoint(model)
         source = Path(f"configs/cpu/{self.task}_{model}.yaml")
         wanted = self.steps or yaml.safe_load(source.read_text())["steps"]
-        if last.is_dir():
-            if max(int(checkpoint.name) for checkpoint in last.parent.parent.glob("[0-9]*")) >= wanted:
+        if done := steps_done(folder):
+            if done >= wanted:
                 return []
             source, options = last / "train_config.json", ("--resume=true",)
         else:

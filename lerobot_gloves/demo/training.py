@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot.utils.constants import TRAINING_STATE_DIR
+
 from lerobot_gloves.calibration import CALIBRATION_NAME
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED, PAIR
 from lerobot_gloves.demo.export import describe, export
@@ -16,9 +18,8 @@ from lerobot_gloves.demo.processes import Job, clock, console_script, run
 from lerobot_gloves.recording.staging import staging_folder
 
 DATASET_ID = "gloves/slalom_state"
-RECORDED = re.compile(r"recording: .*?(?P<done>\d+)/(?P<total>\d+) ")
-TRAINED = re.compile(r"Training: .*?(?P<done>\d+)/(?P<total>\d+) ")
-SCORED = re.compile(r"Scoring: .*?(?P<done>\d+)/(?P<total>\d+) ")
+PROGRESS = re.compile(r"(?:recording|Training|Scoring): .*?(?P<done>\d+)/(?P<total>\d+) ")
+"""How far gloves record, lerobot-train and gloves calibrate say that they are."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +81,11 @@ class Training:
             f"--scores={json.dumps(self.scores)}",
         ]
 
-    def job(self, label: str, command: Sequence[str], progress: re.Pattern[str]) -> Job:
+    def job(self, label: str, command: Sequence[str]) -> Job:
         """A command of this environment with its log beside what it makes."""
         program, *options = command
         log = self.root / "logs" / f"{label.replace(' ', '_')}.log"
-        return Job(label, [console_script(program), *options], log, progress)
+        return Job(label, [console_script(program), *options], log, PROGRESS)
 
     def recipe(self) -> list[str]:
         """The commands in order, as one would type them in a checkout's root."""
@@ -126,15 +127,15 @@ def train_pair(training: Training, *, began: float) -> tuple[Path, Path]:
         if not done:
             run(jobs, began=began)
 
-    recording = training.job("recording", training.record_command(), RECORDED)
-    stage(1, f"{training.demonstrations} demonstrations", [recording], is_recorded(training))
+    recording = training.job("recording", training.record_command())
+    stage(1, f"{training.demonstrations} demonstrations", [recording], is_recorded(training.dataset))
     untrained = [name for name in PAIR if not (root / name).is_dir() and not is_trained(training, name)]
     stage(2, "agent and expert flow", [train_job(training, name) for name in untrained], not untrained)
     unexported = [name for name in PAIR if not (root / name).is_dir()]
     stage(3, "averaged weights in half precision", [], not unexported)
     for name in unexported:
         export(training.checkpoint(name), root / name)
-    calibration = training.job("calibration", training.calibrate_command(), SCORED)
+    calibration = training.job("calibration", training.calibrate_command())
     stage(4, "calibration", [calibration], (root / EXPERT_FLOW / CALIBRATION_NAME).is_file())
     (root / "README.md").write_text(describe(root, PAIR, training.recipe()))
     return root / AGENT, root / EXPERT_FLOW
@@ -165,18 +166,23 @@ def claim(training: Training) -> None:
     file.write_text(json.dumps(settings, indent=2))
 
 
-def is_recorded(training: Training) -> bool:
-    """Whether the demonstrations are complete."""
-    return (training.dataset / "meta" / "info.json").is_file() and not staging_folder(training.dataset).exists()
+def is_recorded(dataset: Path) -> bool:
+    """Whether `gloves record` has finished the dataset of that folder."""
+    return (dataset / "meta" / "info.json").is_file() and not staging_folder(dataset).exists()
+
+
+def steps_done(run: Path) -> int:
+    """Optimiser steps of the last whole checkpoint of a training run's folder; 0 if it has none."""
+    from lerobot.common.train_utils import load_training_step  # takes seconds to import
+
+    last = run / "checkpoints" / "last"
+    return load_training_step(last / TRAINING_STATE_DIR) if last.is_dir() else 0
 
 
 def is_trained(training: Training, name: str) -> bool:
     """Whether the last checkpoint is the last of all."""
-    checkpoint = training.checkpoint(name)
-    if not checkpoint.is_dir():
-        return False
-    steps = json.loads((checkpoint / "train_config.json").read_text())["steps"]
-    return int(checkpoint.parent.resolve().name) >= steps
+    done = steps_done(training.run_folder(name))
+    return bool(done) and done >= json.loads((training.checkpoint(name) / "train_config.json").read_text())["steps"]
 
 
 def train_job(training: Training, name: str) -> Job:
@@ -184,4 +190,4 @@ def train_job(training: Training, name: str) -> Job:
     resume = training.checkpoint(name).is_dir()
     if not resume:
         shutil.rmtree(training.run_folder(name), ignore_errors=True)
-    return training.job(name.replace("_", " "), training.train_command(name, PACKAGED, resume=resume), TRAINED)
+    return training.job(name.replace("_", " "), training.train_command(name, PACKAGED, resume=resume))

@@ -58,6 +58,9 @@ def checkpoint(what: Training, name: str, step: int) -> Path:
     checkpoints = what.run_folder(name) / "checkpoints"
     folder = save_policy(checkpoints / f"{step:06d}" / "pretrained_model", kind)
     (folder / "train_config.json").write_text(json.dumps({"steps": 20, "output_dir": "here"}))
+    state = folder.parent / "training_state" / "training_step.json"
+    state.parent.mkdir(exist_ok=True)
+    state.write_text(json.dumps({"step": step}))
     (checkpoints / "last").unlink(missing_ok=True)
     (checkpoints / "last").symlink_to(f"{step:06d}")
     return folder
@@ -93,6 +96,14 @@ def test_training_goes_on_from_its_last_checkpoint(play):
     assert f"--config_path={PACKAGED / 'expert_flow.yaml'}" in jobs["expert flow"]
 
 
+def test_a_half_written_checkpoint_does_not_count(play):
+    play(killed_in="agent")
+    checkpoint(play.what, "agent", step=10)
+    (play.what.run_folder("agent") / "checkpoints" / "000020" / "pretrained_model").mkdir(parents=True)
+    assert training.steps_done(play.what.run_folder("agent")) == 10
+    assert "--resume=true" in {job.label: job.command for job in play()}["agent"]
+
+
 def test_a_run_without_checkpoint_begins_anew(play):
     play(killed_in="agent")
     (play.what.run_folder("agent") / "half").mkdir(parents=True)
@@ -103,7 +114,7 @@ def test_a_run_without_checkpoint_begins_anew(play):
 def test_a_recording_that_was_not_cleaned_up_is_finished_first(play):
     play()
     (play.what.root / "dataset.staging").mkdir()
-    assert not training.is_recorded(play.what)
+    assert not training.is_recorded(play.what.dataset)
 
 
 def test_another_pair_is_not_mistaken_for_this_one(play):

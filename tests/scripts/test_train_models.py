@@ -12,6 +12,15 @@ from scripts.train_models import Models
 ROOT = Path(__file__).parents[2]
 
 
+def write_checkpoint(run: Path, step: int) -> None:
+    """What a training run leaves after so many steps, as far as it is looked at."""
+    checkpoint = run / "checkpoints" / f"{step:06d}"
+    (checkpoint / "pretrained_model").mkdir(parents=True)
+    (checkpoint / "training_state").mkdir()
+    (checkpoint / "training_state" / "training_step.json").write_text(json.dumps({"step": step}))
+    (checkpoint.parent / "last").symlink_to(checkpoint.name)
+
+
 @pytest.fixture
 def made(monkeypatch, tmp_path):
     """The labels of the commands in order; each leaves behind what it would make."""
@@ -25,9 +34,7 @@ def made(monkeypatch, tmp_path):
             labels.append(job.label)
             options = dict(option.removeprefix("--").split("=", 1) for option in job.command if option.startswith("--"))
             if folder := options.get("output_dir"):
-                checkpoint = Path(folder) / "checkpoints" / options["steps"] / "pretrained_model"
-                checkpoint.mkdir(parents=True)
-                (checkpoint.parent.parent / "last").symlink_to(options["steps"])
+                write_checkpoint(Path(folder), int(options["steps"]))
             elif "policy.path" in options:
                 (Path(options["policy.path"]) / CALIBRATION_NAME).touch()
             else:
@@ -64,10 +71,9 @@ def test_slaloms_pair_ships(made):
 
 
 def test_a_training_goes_on_from_its_last_checkpoint(made):
-    folder = Path("outputs/keypad/agent/checkpoints")
-    (folder / "2000" / "pretrained_model").mkdir(parents=True)
-    (folder / "last").symlink_to("2000")
+    run = Path("outputs/keypad/agent")
+    write_checkpoint(run, 2000)
     [job] = Models("keypad", None, 1).train("agent")
     assert "--resume=true" in job.command
-    assert f"--config_path={folder / 'last' / 'pretrained_model' / 'train_config.json'}" in job.command
+    assert f"--config_path={run / 'checkpoints' / 'last' / 'pretrained_model' / 'train_config.json'}" in job.command
     assert Models("keypad", 2000, 1).train("agent") == []

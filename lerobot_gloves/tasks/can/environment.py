@@ -9,6 +9,7 @@ from lerobot_gloves.tasks.can import scene
 from lerobot_gloves.tasks.can.control import OperationalSpaceControl
 from lerobot_gloves.tasks.configuration import check_observation_type
 from lerobot_gloves.tasks.panda import HOME, import_mujoco
+from lerobot_gloves.tasks.spaces import observation_space
 
 CONTROL_HZ = 20
 SETTLED_SPEED = 0.02
@@ -75,16 +76,13 @@ class Can(gym.Env):
         self._sees_scene, self._sees_pixels = obs_type == "state" or privileged, obs_type != "state"
         self._max_episode_steps = episode_length
         self.action_space = gym.spaces.Box(-1.0, 1.0, (7,), np.float32)
-        spaces: dict[str, gym.Space] = {
-            "agent_pos": gym.spaces.Box(-np.inf, np.inf, (8,), np.float32),
-            "goal": gym.spaces.Box(0.0, 1.0, (4,), np.float32),
-        }
-        if self._sees_scene:
-            spaces["environment_state"] = gym.spaces.Box(-np.inf, np.inf, (9,), np.float32)
-        if self._sees_pixels:
-            frame = gym.spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
-            spaces["pixels"] = gym.spaces.Dict(dict.fromkeys(scene.CAMERAS, frame))
-        self.observation_space = gym.spaces.Dict(spaces)
+        self.observation_space = observation_space(
+            state=8,
+            goal=len(scene.QUADRANTS),
+            scene=9 if self._sees_scene else None,
+            cameras=scene.CAMERAS if self._sees_pixels else (),
+            image_size=image_size,
+        )
 
         self._mujoco = import_mujoco()
         self._model = scene.model()

@@ -8,6 +8,7 @@ import numpy as np
 from lerobot_gloves.tasks.configuration import check_observation_type
 from lerobot_gloves.tasks.keypad import scene
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
+from lerobot_gloves.tasks.spaces import observation_space
 
 CONTROL_HZ = 20
 MAX_DELTA = 0.01
@@ -77,16 +78,14 @@ class Keypad(gym.Env):
         self._max_episode_steps = episode_length
         self.action_space = gym.spaces.Box(-MAX_DELTA, MAX_DELTA, (3,), np.float32)
         buttons = len(scene.BUTTONS)
-        spaces: dict[str, gym.Space] = {
-            "agent_pos": gym.spaces.Box(-np.inf, np.inf, (9,), np.float32),
-            "goal": gym.spaces.Box(0.0, 1.0, (buttons,), np.float32),
-        }
-        if obs_type == "state":
-            spaces["environment_state"] = gym.spaces.Box(-np.inf, np.inf, (2 * buttons,), np.float32)
-        else:
-            frame = gym.spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
-            spaces["pixels"] = gym.spaces.Dict(dict.fromkeys(scene.CAMERAS, frame))
-        self.observation_space = gym.spaces.Dict(spaces)
+        told = obs_type == "state"
+        self.observation_space = observation_space(
+            state=9,
+            goal=buttons,
+            scene=2 * buttons if told else None,
+            cameras=() if told else scene.CAMERAS,
+            image_size=image_size,
+        )
 
         self._mujoco = import_mujoco()
         self._model = scene.model()

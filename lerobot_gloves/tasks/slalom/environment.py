@@ -8,6 +8,7 @@ import numpy as np
 from lerobot_gloves.tasks.configuration import check_observation_type
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
 from lerobot_gloves.tasks.slalom import scene
+from lerobot_gloves.tasks.spaces import observation_space
 
 CONTROL_HZ = 20
 MAX_DELTA = 0.01
@@ -62,16 +63,14 @@ class Slalom(gym.Env):
         self._obs_type, self._image_size, self._fixed_mode = obs_type, image_size, mode
         self._max_episode_steps = episode_length
         self.action_space = gym.spaces.Box(-MAX_DELTA, MAX_DELTA, (2,), np.float32)
-        spaces: dict[str, gym.Space] = {
-            "agent_pos": gym.spaces.Box(-np.inf, np.inf, (4,), np.float32),
-            "goal": gym.spaces.Box(0.0, 1.0, (sum(scene.GAPS),), np.float32),
-        }
-        if obs_type == "state":
-            spaces["environment_state"] = gym.spaces.Box(-np.inf, np.inf, (scene.PILLARS.size,), np.float32)
-        else:
-            frame = gym.spaces.Box(0, 255, (image_size, image_size, 3), np.uint8)
-            spaces["pixels"] = gym.spaces.Dict({scene.CAMERA: frame})
-        self.observation_space = gym.spaces.Dict(spaces)
+        told = obs_type == "state"
+        self.observation_space = observation_space(
+            state=4,
+            goal=sum(scene.GAPS),
+            scene=scene.PILLARS.size if told else None,
+            cameras=() if told else (scene.CAMERA,),
+            image_size=image_size,
+        )
 
         self._mujoco = import_mujoco()
         self._model = scene.model()
