@@ -260,3 +260,24 @@ def write_dataset(
         dataset.save_episode()
     dataset.finalize()
     return dataset
+
+
+def training_options(kind: str, root: Path, output: Path, *, steps: int = 100_000) -> list[str]:
+    """What `lerobot-train` needs for a tiny adapter on the dataset that `write_dataset` left in `root`."""
+    network = {key: value for key, value in FLOW.items() if value is not None}
+    return [
+        f"--policy.type={kind}",
+        "--policy.device=cpu",
+        "--policy.push_to_hub=false",
+        *(f"--policy.{key}={value}" for key, value in network.items()),
+        "--dataset.repo_id=me/tiny",
+        f"--dataset.root={root}",
+        "--dataset.eval_split=0.25",
+        "--batch_size=4",
+        "--num_workers=0",
+        f"--steps={steps}",
+        "--save_freq=2",
+        "--eval_steps=2",
+        "--log_freq=1",
+        f"--output_dir={output}",
+    ]

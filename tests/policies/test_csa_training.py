@@ -9,30 +9,10 @@ from lerobot.scripts.lerobot_train import train
 from safetensors.torch import load_file
 
 from lerobot_policy_csa_assist.editor import CSA
-from tests.builders import FLOW, write_dataset
+from tests.builders import training_options, write_dataset
 from tests.policies.test_csa_assist import WEIGHTS, data_of, load, make_csa
 
 LAST = Path("checkpoints") / "last"
-
-
-def options(root: Path, output: Path, steps: int) -> list[str]:
-    network = {key: value for key, value in FLOW.items() if value is not None}
-    return [
-        "--policy.type=csa_assist",
-        "--policy.device=cpu",
-        "--policy.push_to_hub=false",
-        *(f"--policy.{key}={value}" for key, value in network.items()),
-        "--dataset.repo_id=me/tiny",
-        f"--dataset.root={root}",
-        "--dataset.eval_split=0.25",
-        "--batch_size=4",
-        "--num_workers=0",
-        f"--steps={steps}",
-        "--save_freq=2",
-        "--eval_steps=2",
-        "--log_freq=1",
-        f"--output_dir={output}",
-    ]
 
 
 @pytest.mark.slow
@@ -50,13 +30,13 @@ def test_both_stages_train_and_resume_by_lerobots_command(tmp_path, typed):
         assert not torch.equal(before["network.dit.head.bias"], after["network.dit.head.bias"])
         return after
 
-    typed(*options(data, tmp_path / "teacher", 2))
+    typed(*training_options("csa_assist", data, tmp_path / "teacher", steps=2))
     train()
     weights = resume(tmp_path / "teacher", 4)
     teacher = tmp_path / "teacher" / LAST / "pretrained_model"
 
     distil = ["--policy.stage=student", f"--policy.teacher={teacher}"]
-    typed(*options(data, tmp_path / "student", 2), *distil)
+    typed(*training_options("csa_assist", data, tmp_path / "student", steps=2), *distil)
     train()
     trained = resume(tmp_path / "student", 4)
     assert trained.keys() == weights.keys()
@@ -67,7 +47,7 @@ def test_both_stages_train_and_resume_by_lerobots_command(tmp_path, typed):
     batch = data_of(2)
     assert student.bind(batch).edit(batch["action"], CSA()).isfinite().all()
 
-    typed(*options(data, tmp_path / "again", 2), *distil)
+    typed(*training_options("csa_assist", data, tmp_path / "again", steps=2), *distil)
     with pytest.raises(
         ValueError, match=r"--policy\.teacher=.* is no checkpoint's folder, nor one on the Hub"
     ) as error:
@@ -77,7 +57,7 @@ def test_both_stages_train_and_resume_by_lerobots_command(tmp_path, typed):
 
 def test_a_wrong_stage_reaches_who_typed_it_as_one_line(tmp_path, typed):
     write_dataset(tmp_path / "data", episodes=4, length=8)
-    typed(*options(tmp_path / "data", tmp_path / "run", 2), "--policy.stage=pupil")
+    typed(*training_options("csa_assist", tmp_path / "data", tmp_path / "run", steps=2), "--policy.stage=pupil")
     with pytest.raises(ValueError, match=r"^csa_assist has no stage 'pupil': choose from teacher, student$"):
         train()
 

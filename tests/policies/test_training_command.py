@@ -10,29 +10,9 @@ from lerobot.policies import get_policy_class
 from lerobot.scripts.lerobot_train import train
 from safetensors.torch import load_file
 
-from tests.builders import FLOW, observation, write_dataset
+from tests.builders import observation, training_options, write_dataset
 
 LAST = Path("checkpoints") / "last"
-
-
-def options(root: Path, output: Path, kind: str = "gloves_expert_flow") -> list[str]:
-    network = {key: value for key, value in FLOW.items() if key != "pretrained_backbone_weights"}
-    return [
-        f"--policy.type={kind}",
-        "--policy.device=cpu",
-        "--policy.push_to_hub=false",
-        *(f"--policy.{key}={value}" for key, value in network.items()),
-        "--dataset.repo_id=me/tiny",
-        f"--dataset.root={root}",
-        "--dataset.eval_split=0.25",
-        "--batch_size=4",
-        "--num_workers=0",
-        "--steps=100000",
-        "--save_freq=2",
-        "--eval_steps=2",
-        "--log_freq=1",
-        f"--output_dir={output}",
-    ]
 
 
 @pytest.mark.slow
@@ -40,7 +20,10 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, typed, caplog):
     write_dataset(tmp_path / "data")
     output, log = tmp_path / "run", tmp_path / "log"
     with log.open("w") as stream:
-        command = [str(Path(sys.executable).with_name("lerobot-train")), *options(tmp_path / "data", output)]
+        command = [
+            str(Path(sys.executable).with_name("lerobot-train")),
+            *training_options("gloves_expert_flow", tmp_path / "data", output),
+        ]
         process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=dict(os.environ))
         try:
             while not (output / "checkpoints" / "000004" / "pretrained_model" / "train_config.json").exists():
@@ -83,7 +66,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, typed, caplog):
 )
 def test_a_dataset_without_the_needed_features_is_one_clear_line(tmp_path, typed, kind, missing, message):
     write_dataset(tmp_path / "data", leave_out=missing)
-    typed(*options(tmp_path / "data", tmp_path / "run", kind))
+    typed(*training_options(kind, tmp_path / "data", tmp_path / "run"))
     with pytest.raises(ValueError, match=message) as error:
         train()
     assert "\n" not in str(error.value)
