@@ -61,8 +61,8 @@ class CsaAssistConfig(FlowConfig):
     levels: int = 80
     # Standard deviation of the normalised actions.
     sigma_data: float = 1.0
-    # Mean of log sigma in the teacher's training.
-    p_mean: float = -1.2
+    # Mean of log sigma in the teacher's training: Karras' -1.2, which goes with a sigma_data of 0.5, at twice that.
+    p_mean: float = -0.5
     # Standard deviation of log sigma in the teacher's training.
     p_std: float = 1.2
 

@@ -113,7 +113,7 @@ def edm_loss(
     denoiser: Denoiser,
     action: Tensor,
     *,
-    p_mean: float = -1.2,
+    p_mean: float = -0.5,
     p_std: float = 1.2,
     mask: Tensor | None = None,
     samples: int = 1,
@@ -126,7 +126,7 @@ def edm_loss(
     Args:
         denoiser: D, bound to the B contexts of `action`.
         action: Expert chunks, shape (B, T, A).
-        p_mean: Mean of log sigma.
+        p_mean: Mean of log sigma; Karras has -1.2 for a sigma_data of 0.5, which at 1 is -1.2 + log 2.
         p_std: Standard deviation of log sigma.
         mask: True where an action counts, shape (B, T); None: all count.
         samples: Independent draws of noise and of sigma per chunk.
