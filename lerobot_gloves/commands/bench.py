@@ -183,13 +183,8 @@ def main() -> None:
     """Entry point."""
     init_logging(console_level="WARNING")
     register_third_party_plugins()
-    with one_line_errors("gloves bench"):
-        try:
-            sys.argv[1:] = complete(sys.argv[1:], BenchConfig)
-            failures = bench()
-        except OSError as error:
-            if isinstance(error, FileNotFoundError | FileExistsError):
-                raise
-            sys.exit(f"gloves bench: {error}; finished cells are kept: run the command again to go on")
+    with one_line_errors("gloves bench", "finished cells are kept: run the command again to go on"):
+        sys.argv[1:] = complete(sys.argv[1:], BenchConfig)
+        failures = bench()
     if failures:
         sys.exit(f"gloves bench: {len(failures)} cell(s) failed, see above; run the command again to try only those")

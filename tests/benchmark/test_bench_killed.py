@@ -65,7 +65,9 @@ def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[s
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
     _, errors = process.communicate(timeout=60)  # returns when the last worker has let go of the pipe
     assert process.returncode == 1
-    assert errors.rstrip().endswith("gloves bench: interrupted")
+    assert errors.rstrip().endswith(
+        "gloves bench: interrupted; finished cells are kept: run the command again to go on"
+    )
     assert "Traceback" not in errors
     assert 0 < len(read_rows(tmp_path / "rows")) < 100
 
