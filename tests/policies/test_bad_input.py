@@ -1,5 +1,7 @@
 """Whatever is wrong is named in one line, before anything moves."""
 
+import shutil
+
 import pytest
 from draccus.utils import ParsingError
 from lerobot.configs import FeatureType, PolicyFeature
@@ -159,6 +161,19 @@ def test_damaged_weights_of_the_adapter_are_named(checkpoints, tmp_path):
     path.write_bytes(path.read_bytes()[:-10])
     with pytest.raises(ValueError, match=f"{path} is not a readable safetensors file"):
         wrap(checkpoints.agent, adapter=adapter)
+
+
+@pytest.mark.parametrize("part", ["preprocessor", "postprocessor"])
+@pytest.mark.parametrize("broken", ["agent", "adapter"])
+def test_damaged_processors_are_named(checkpoints, tmp_path, broken, part):
+    paths = {"agent": checkpoints.agent, "adapter": checkpoints.adapter}
+    shutil.copytree(paths[broken], tmp_path / "broken")
+    paths[broken] = tmp_path / "broken"
+    [path] = paths[broken].glob(f"policy_{part}_step_*.safetensors")
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(ValueError, match=f"{path} is not a readable safetensors file: .*") as error:
+        wrap(**paths)
+    one_line(error)
 
 
 @pytest.mark.parametrize("folder", ["agent", "adapter"])

@@ -1,12 +1,12 @@
 """Policies loaded with their own processors, as the wrapper needs its agent and its adapter."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from lerobot.configs import PreTrainedConfig
-from lerobot.policies import get_policy_class, make_pre_post_processors
+from lerobot.policies import get_policy_class
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.processor import PolicyProcessorPipeline
+
+from lerobot_gloves.processors import Pipeline, load_processors
 
 
 @dataclass
@@ -17,8 +17,8 @@ class LoadedPolicy:
     """
 
     policy: PreTrainedPolicy
-    preprocess: PolicyProcessorPipeline[Any, Any]
-    postprocess: PolicyProcessorPipeline[Any, Any]
+    preprocess: Pipeline
+    postprocess: Pipeline
 
     def reset(self) -> None:
         """A new episode begins."""
@@ -28,7 +28,11 @@ class LoadedPolicy:
 
 
 def load_policy(config: PreTrainedConfig, device: str) -> LoadedPolicy:
-    """Load the policy that `config.pretrained_path` names, adapted by PEFT or not, with its processors."""
+    """Load the policy that `config.pretrained_path` names, adapted by PEFT or not, with its processors.
+
+    Raises:
+        ValueError: If the processors are damaged; what is wrong with the weights is the policy's to say.
+    """
     config.device = device
     cls, path, revision = get_policy_class(config.type), str(config.pretrained_path), config.pretrained_revision
     if config.use_peft:
@@ -39,11 +43,7 @@ def load_policy(config: PreTrainedConfig, device: str) -> LoadedPolicy:
         policy = PeftModel.from_pretrained(base, path, config=peft, revision=revision)
     else:
         policy = cls.from_pretrained(path, config=config, revision=revision)
-    # The processors' saved device is where the policy was trained.
-    overrides = {"device_processor": {"device": device}}
-    preprocess, postprocess = make_pre_post_processors(
-        config, path, pretrained_revision=revision, preprocessor_overrides=overrides
-    )
+    preprocess, postprocess = load_processors(config, path, device, revision)
     # No `requires_grad_(False)`: whether a weight requires a gradient decides how torch folds a matrix product, also
     # where none is computed, and the agent's actions would differ from the bare agent's in their last bit.
     return LoadedPolicy(policy.to(device).eval(), preprocess, postprocess)

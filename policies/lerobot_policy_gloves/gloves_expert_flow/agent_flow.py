@@ -1,16 +1,14 @@
 """An agent flow from a checkpoint of its own, beside an expert flow's."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import torch
 from lerobot.configs import PreTrainedConfig
-from lerobot.policies import make_pre_post_processors
-from lerobot.processor import PolicyProcessorPipeline
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.networks import BoundVelocity
+from lerobot_gloves.processors import Pipeline, load_processors
 
 from ..gloves.loading import load_policy
 from .configuration_gloves_expert_flow import GlovesExpertFlowConfig
@@ -48,12 +46,7 @@ def load_agent_flow(expert: GlovesExpertFlowConfig) -> Callable[[Mapping[str, Te
             "the same features"
         )
     loaded = load_policy(config, expert.device)
-    preprocess, _ = make_pre_post_processors(
-        expert,
-        str(expert.pretrained_path),
-        pretrained_revision=expert.pretrained_revision,
-        preprocessor_overrides={"device_processor": {"device": expert.device}},
-    )
+    preprocess, _ = load_processors(expert, str(expert.pretrained_path), expert.device, expert.pretrained_revision)
     different = differently_normalised(expert, preprocess, loaded.preprocess)
     if different:
         raise ValueError(
@@ -63,9 +56,7 @@ def load_agent_flow(expert: GlovesExpertFlowConfig) -> Callable[[Mapping[str, Te
     return loaded.policy.requires_grad_(False).agent_velocity
 
 
-def differently_normalised(
-    config: PreTrainedConfig, one: PolicyProcessorPipeline[Any, Any], other: PolicyProcessorPipeline[Any, Any]
-) -> list[str]:
+def differently_normalised(config: PreTrainedConfig, one: Pipeline, other: Pipeline) -> list[str]:
     """Features that two preprocessors do not map alike; their maps are affine, so two points tell."""
     shapes = {**config.input_features, ACTION: config.action_feature}
     different = set()
