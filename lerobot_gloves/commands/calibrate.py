@@ -6,16 +6,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
+from httpx import HTTPError
 from huggingface_hub import HfApi
-from lerobot.configs import PreTrainedConfig, parser
+from lerobot.configs import FeatureType, PreTrainedConfig, parser
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.train import TRAIN_CONFIG_NAME, TrainPipelineConfig
 from lerobot.datasets.factory import make_train_eval_datasets, resolve_delta_timestamps
 from lerobot.datasets.lerobot_dataset import LeRobotDataset, LeRobotDatasetMetadata
-from lerobot.policies import make_policy, make_pre_post_processors
+from lerobot.policies import make_policy
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.processor import PolicyProcessorPipeline
-from lerobot.utils.constants import ACTION
+from lerobot.utils.constants import ACTION, HF_LEROBOT_HOME
+from lerobot.utils.feature_utils import dataset_to_policy_features
 from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
 from torch import Tensor
@@ -24,7 +26,8 @@ from tqdm import tqdm
 
 from lerobot_gloves.adapter import Adapter, pad
 from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration, weights_hash
-from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.commands.errors import one_line, one_line_errors
+from lerobot_gloves.processors import load_processors
 from lerobot_gloves.sources import SOURCES, source_of
 from lerobot_gloves.specification import parse, specification
 
@@ -53,6 +56,11 @@ class CalibrateConfig:
     push_to_hub: bool = False
 
     def __post_init__(self) -> None:
+        if not self.scores:
+            raise ValueError("scores is empty: name at least one, such as reverse:steps=1")
+        for name in ("stride", "batch_size"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, but must be at least 1")
         path = parser.get_path_arg("policy")
         if not path:
             raise ValueError("gloves calibrate needs --policy.path, the adapter's checkpoint")
@@ -74,14 +82,13 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     """Run `gloves calibrate`."""
     assert cfg.policy is not None
     path = str(cfg.policy.pretrained_path)
-    meta = LeRobotDatasetMetadata(cfg.dataset.repo_id, root=cfg.dataset.root, revision=cfg.dataset.revision)
+    meta = load_metadata(cfg.dataset)
+    preprocess, _ = load_processors(cfg.policy, path, cfg.policy.device)
+    check_features(cfg.policy, preprocess, meta)
     episodes = expert_episodes(held_out_episodes(cfg, meta), meta)
     adapter = make_policy(cfg.policy, ds_meta=meta).eval().requires_grad_(False)
     weights = weights_hash(adapter.state_dict())
-    preprocess, _ = make_pre_post_processors(
-        cfg.policy, path, preprocessor_overrides={"device_processor": {"device": cfg.policy.device}}
-    )
-    if not isinstance(adapter, Adapter):
+    if not isinstance(adapter, Adapter) or not adapter.scores:
         raise ValueError(f"{path} is a policy of type {cfg.policy.type!r}, which scores nothing: calibrate an adapter")
     dataset = LeRobotDataset(
         cfg.dataset.repo_id,
@@ -111,21 +118,78 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     return calibration
 
 
+def load_metadata(dataset: DatasetConfig) -> LeRobotDatasetMetadata:
+    """What a dataset's folder, or the Hub, says of it.
+
+    Raises:
+        FileNotFoundError: If neither has it.
+    """
+    try:
+        return LeRobotDatasetMetadata(dataset.repo_id, root=dataset.root, revision=dataset.revision)
+    except (OSError, HTTPError, RuntimeError) as error:
+        folder = dataset.root or HF_LEROBOT_HOME / dataset.repo_id
+        raise FileNotFoundError(
+            f"there is no dataset {dataset.repo_id} in {folder} (--dataset.root), nor is one to be had from the Hub: "
+            f"{one_line(error)}"
+        ) from error
+
+
+def check_features(
+    adapter: PreTrainedConfig, preprocess: PolicyProcessorPipeline, meta: LeRobotDatasetMetadata
+) -> None:
+    """Refuse a dataset without what the adapter was trained on; images may have another size.
+
+    Raises:
+        ValueError: Naming what is missing, and what there is.
+    """
+    renamed = {key: name for step in preprocess.steps for key, name in getattr(step, "rename_map", {}).items()}
+    found = {renamed.get(key, key): feature for key, feature in dataset_to_policy_features(meta.features).items()}
+    missing = {
+        key: feature
+        for key, feature in {**(adapter.input_features or {}), **(adapter.output_features or {})}.items()
+        if key not in found
+        or (feature.type is not FeatureType.VISUAL and tuple(feature.shape) != tuple(found[key].shape))
+    }
+    if missing:
+        lacking, there = (
+            ", ".join(f"{key} {tuple(feature.shape)}" for key, feature in sorted(features.items()))
+            for features in (missing, found)
+        )
+        raise ValueError(
+            f"{meta.repo_id} lacks {lacking}, which the adapter was trained on; it has {there or 'nothing'}"
+        )
+
+
+def training_config(checkpoint: Path) -> TrainPipelineConfig | None:
+    """How a checkpoint was trained, None if it does not say: only `lerobot-train` writes that down."""
+    if checkpoint.is_dir():
+        # LeRobot would go on without the file, and complain about options that nobody gave.
+        written = (checkpoint / TRAIN_CONFIG_NAME).is_file()
+        return TrainPipelineConfig.from_pretrained(checkpoint) if written else None
+    try:
+        return TrainPipelineConfig.from_pretrained(checkpoint)
+    except OSError:
+        return None
+
+
 def held_out_episodes(cfg: CalibrateConfig, meta: LeRobotDatasetMetadata) -> list[int]:
     """The episodes to calibrate on, none of which the training run may have seen.
 
     Raises:
-        ValueError: If the training run saw them.
+        ValueError: If the training run saw them, or the dataset has no such episodes.
     """
     assert cfg.policy is not None
-    asked = cfg.dataset.episodes
-    try:
-        training = TrainPipelineConfig.from_pretrained(cfg.policy.pretrained_path)
-    except (FileNotFoundError, OSError):
-        logging.warning("no %s beside the weights: cannot check what the training run saw", TRAIN_CONFIG_NAME)
-        return asked or list(range(meta.total_episodes))
-    if training.dataset.repo_id != cfg.dataset.repo_id:
-        return asked or list(range(meta.total_episodes))
+    asked, count = cfg.dataset.episodes, meta.total_episodes
+    if outside := [episode for episode in asked or () if episode >= count]:
+        raise ValueError(f"dataset.episodes holds {outside}, but {cfg.dataset.repo_id} has episodes 0 to {count - 1}")
+    training = training_config(Path(str(cfg.policy.pretrained_path)))
+    if training is None or training.dataset.repo_id != cfg.dataset.repo_id:
+        if training is None:
+            reason = f"no {TRAIN_CONFIG_NAME} beside the weights"
+        else:
+            reason = f"the adapter was trained on {training.dataset.repo_id}, not on {cfg.dataset.repo_id}"
+        logging.warning("%s: cannot check that the training run saw none of these episodes", reason)
+        return asked or list(range(count))
     training.dataset.root = cfg.dataset.root
     train, held_out = make_train_eval_datasets(training)
     seen = set(train.episodes if train.episodes is not None else range(train.meta.total_episodes))

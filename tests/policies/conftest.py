@@ -1,8 +1,6 @@
 """LeRobot's commands in this process."""
 
-import logging
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,20 +25,6 @@ def checkpoints(tmp_path_factory) -> Checkpoints:
     folder = tmp_path_factory.mktemp("checkpoints")
     adapter = calibrate(save_policy(folder / "adapter", "gloves_expert_flow", seed=7))
     return Checkpoints(agent=save_policy(folder / "agent", "act"), adapter=adapter)
-
-
-@pytest.fixture
-def typed(monkeypatch) -> Iterator[Callable[..., None]]:
-    """Makes its arguments what was typed after a command's name."""
-
-    def as_typed(*arguments: str) -> None:
-        monkeypatch.setattr(sys, "argv", ["lerobot-command", *arguments])
-
-    root = logging.getLogger()
-    handlers, level = list(root.handlers), root.level
-    yield as_typed
-    # LeRobot's commands set logging up for themselves, on this test's standard error.
-    root.handlers, root.level = handlers, level
 
 
 @pytest.fixture
