@@ -46,8 +46,8 @@ class BoundAdapter(Protocol):
         """Move proposals (B, T, A), of whose actions the first `length` count, towards the expert's: (B, T, A).
 
         `editor` is an instance of one of the adapter's `editors`. `score` and `threshold` (the largest score that the
-        gate admits, None without a calibration) are for the editors that search by score; `score` is None if the
-        adapter has none.
+        gate admits, None without a calibration, see `Adapter.editors`) are for the editors that search by score;
+        `score` is None if the adapter has none.
         """
         ...
 
@@ -60,7 +60,8 @@ class Adapter(Protocol):
 
     Attributes:
         editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers. The first
-            is the default.
+            is the default. One whose class says `needs_threshold = True` is refused at loading unless the adapter is
+            calibrated for the score.
         scores: Its nonconformity scores by the name that `--policy.score` gives, likewise. An adapter without scores
             edits every proposal: it has no gate.
     """

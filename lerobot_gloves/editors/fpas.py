@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -24,6 +25,7 @@ class FPAS:
         sigma: Standard deviation of a perturbation, in normalised action units.
         edit: Step size, eta_edit; 0 leaves the proposal as it is.
         align: Weight of the distance to the proposal, lambda_align.
+        needs_threshold: Whether it is of no use without a calibrated score, see `lerobot_gloves.adapter`.
 
     Raises:
         ValueError: If `candidates` or `iterations` is below 1, or `sigma` is negative.
@@ -34,6 +36,7 @@ class FPAS:
     sigma: float = 0.1
     edit: float = 1.0
     align: float = 0.05
+    needs_threshold: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.iterations < 1 or self.candidates < 1:

@@ -126,11 +126,16 @@ def test_a_gate_without_a_calibration_says_how_to_make_one(checkpoints, tmp_path
     wrap(checkpoints.agent, adapter=adapter)  # FEEG without a gate needs none
 
 
-def test_fpas_without_a_calibration_says_how_to_make_one(checkpoints, tmp_path):
+def test_fpas_without_a_calibration_says_at_loading_how_to_make_one(checkpoints, tmp_path):
     adapter = save_policy(tmp_path / "adapter", "gloves_expert_flow")
-    policy = wrap(checkpoints.agent, adapter=adapter, method="fpas")
-    with pytest.raises(ValueError, match="fpas searches below the gate's threshold: calibrate the adapter"):
-        policy.select_action(observation(2))
+    with pytest.raises(
+        ValueError, match=f"fpas needs a calibration, and {adapter} has none: run gloves calibrate"
+    ) as error:
+        wrap(checkpoints.agent, adapter=adapter, method="fpas:sigma=0.2")
+    one_line(error)
+    with pytest.raises(ValueError, match="not calibrated for score 'reverse:steps=3', only for reverse:steps=1"):
+        wrap(checkpoints.agent, adapter=checkpoints.adapter, method="fpas", score="reverse:steps=3")
+    wrap(checkpoints.agent, adapter=checkpoints.adapter, method="fpas").select_action(observation(2))  # no gate needed
 
 
 @pytest.mark.parametrize("gate", [True, False])

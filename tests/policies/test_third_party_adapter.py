@@ -109,6 +109,25 @@ def test_it_is_gated(checkpoints, adapter, package, tmp_path):
     torch.testing.assert_close(executed[~admitted], towards[~admitted], rtol=1e-4, atol=1e-6)
 
 
+def test_an_editor_that_needs_a_threshold_is_refused_without_a_calibration(
+    checkpoints, adapter, package, monkeypatch, tmp_path
+):
+    bare = save_policy(tmp_path / "bare", "nudge", policy=make(package))
+    wrap(checkpoints.agent, adapter=bare)
+    monkeypatch.setattr(package.Nudge, "needs_threshold", True, raising=False)
+    with pytest.raises(ValueError, match=f"nudge needs a calibration, and {bare} has none"):
+        wrap(checkpoints.agent, adapter=bare)
+    given = []
+
+    def edit(self, proposal, editor, *, threshold, **_):
+        given.append(threshold)
+        return proposal
+
+    monkeypatch.setattr(package.BoundNudge, "edit", edit)
+    act(wrap(checkpoints.agent, adapter=adapter, alpha=0.5), observation(2), 5)
+    assert given == [50.0]  # of the scores 1 to 99, 50 are not below it: its p-value, 51 / 100, is the last above alpha
+
+
 def test_wrong_words_are_named_with_its_own(checkpoints, adapter):
     with pytest.raises(ValueError, match="unknown method 'feeg': choose from none, nudge"):
         wrap(checkpoints.agent, adapter=adapter, method="feeg")

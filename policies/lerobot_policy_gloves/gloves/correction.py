@@ -68,7 +68,7 @@ class Corrector:
 
     Raises:
         ValueError: If the adapter does not fit the agent, the method or the score is not one of its own, or it is not
-            calibrated where the gate, or FPAS, needs it.
+            calibrated where the gate, or the editor, needs it.
     """
 
     def __init__(self, config: GlovesConfig):
@@ -90,17 +90,19 @@ class Corrector:
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
         self.gated, self.alpha = config.gate, config.alpha
+        self.thresholded = config.gate or getattr(self.editor, "needs_threshold", False)
         self.scored = self.score is not None and (config.gate or config.log is not None)
         self.specification = "" if self.score is None else specification(self.score, self.adapter.scores)
         self.calibration = Calibration.load(config.adapter, config.adapter_revision)
         self._gates: dict[int, ConformalGate] = {}
         if self.calibration is not None:
             self.calibration.check(weights_hash(self.adapter.state_dict()))
-        if not config.gate:
+        if not self.thresholded:
             return
         if self.calibration is None:
+            what = "the gate" if config.gate else specification(self.editor, self.adapter.editors).partition(":")[0]
             raise ValueError(
-                f"the gate needs a calibration, and {config.adapter} has none: run gloves calibrate "
+                f"{what} needs a calibration, and {config.adapter} has none: run gloves calibrate "
                 f"--policy.path={config.adapter} --dataset.repo_id=<held-out expert episodes>"
             )
         self.gate(1)  # An uncalibrated score or a wrong alpha shall not wait for the first chunk.
@@ -110,8 +112,8 @@ class Corrector:
         self.loaded.reset()
 
     def gate(self, length: int) -> ConformalGate | None:
-        """The gate for proposals of that many actions, None if nobody asked for one and the score is uncalibrated."""
-        if not self.gated and (self.calibration is None or self.specification not in self.calibration.scores):
+        """The gate for proposals of that many actions, None if nobody needs one and the score is uncalibrated."""
+        if not self.thresholded and (self.calibration is None or self.specification not in self.calibration.scores):
             return None
         if length not in self._gates:
             self._gates[length] = ConformalGate(self.calibration.of(self.specification, length), self.alpha)
