@@ -51,7 +51,7 @@ class ImageEncoder(nn.Module):
         """Fill the backbone from torchvision's store, say "ResNet18_Weights.IMAGENET1K_V1".
 
         Raises:
-            OSError: If the weights cannot be fetched; the message names the option that does without.
+            OSError: If the weights cannot be fetched or are damaged; the message names the option that does without.
             ValueError: If there are no weights of that name.
         """
         choices = {f"ResNet18_Weights.{name}": choice for name, choice in ResNet18_Weights.__members__.items()}
@@ -59,9 +59,10 @@ class ImageEncoder(nn.Module):
             raise ValueError(f"the image encoder knows no weights {weights!r}: choose from {', '.join(choices)}")
         try:
             state = choices[weights].get_state_dict(progress=False, check_hash=True)
-        except OSError as error:
+        except (OSError, RuntimeError) as error:  # torch's, if the hash is wrong or the file no checkpoint
+            reason = " ".join(str(error).split())
             raise OSError(
-                f"cannot fetch the image encoder's weights {weights} ({error}): go online once, put the file into "
+                f"cannot fetch the image encoder's weights {weights} ({reason}): go online once, put the file into "
                 f"{torch.hub.get_dir()}/checkpoints, or train without them by "
                 "--policy.pretrained_backbone_weights=null"
             ) from error
