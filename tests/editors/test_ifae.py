@@ -9,6 +9,8 @@ takes the edit a, the proposal a_u and fresh noise z to
 Collecting terms, a' = A a + B a_u + C z + D: mean and covariance of (a, a_u) follow by three recursions.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -237,4 +239,11 @@ def test_bad_parameters_are_refused(arguments, message):
 
 @pytest.mark.parametrize("arguments", [{"align": 0.1}, {"align": 0.07, "start": 0.3}, {"align": 0.2, "edit": 2.0}])
 def test_align_may_reach_its_bound(arguments):
-    IFAE(**arguments)
+    """There the edit still goes from the agent's mean to the expert's, just shorter; above it is refused."""
+    editor, source, target = IFAE(**arguments), (-0.3, 0.1), (0.3, 0.1)
+    edited = editor(AGENT.sample(2000, seeded(2)), EXPERT, AGENT, generator=seeded(3)).mean().item()
+    assert edited == pytest.approx(moments(source, target, editor)[0], abs=0.01)
+    unaligned = moments(source, target, replace(editor, align=0.0))[0]
+    assert source[0] + 0.2 < edited < unaligned - 0.05
+    with pytest.raises(ValueError, match="the edit undoes itself"):
+        replace(editor, align=1.01 * editor.align)

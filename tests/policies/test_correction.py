@@ -267,9 +267,13 @@ def test_scores_are_logged_without_a_gate_or_a_calibration(tmp_path, agent, adap
     assert (line["p_value"], line["edited"], line["evaluations"]) == (None, False, 3)
 
 
-def test_an_uncalibrated_score_is_no_matter_without_a_gate(tmp_path, folder, agent):
+def test_an_uncalibrated_score_is_no_matter_without_a_gate(folder, agent, adapter):
     calibrated = calibrate(save_policy(folder / "other_score", "gloves_expert_flow", seed=7))
-    act(wrap(agent, adapter=calibrated, score="reverse:steps=3"), observation(1), 1)
+    policy, batch = wrap(agent, adapter=calibrated, score="reverse:steps=3"), observation(2)
+    assert policy._corrector.gate(1) is None
+    edited = act(policy, batch, 4)
+    assert torch.equal(edited, act(wrap(agent, adapter=adapter), batch, 4))  # the same weights, never calibrated
+    assert policy.statistics()["intervention_rate"] == 1
 
 
 def test_what_happens_after_an_episodes_end_does_not_count(tmp_path, agent, adapter):
