@@ -2,6 +2,8 @@
 
 They act on raw action chunks (B, T, A), in the environment's units. Each environment draws from a generator of its
 own, seeded by `reset`, so that what happens to it does not depend on the batch it runs in.
+
+The comments above the fields are what LeRobot's `--help` shows; it cannot read attributes in a docstring.
 """
 
 from abc import ABC, abstractmethod
@@ -63,12 +65,9 @@ def _check_probability(owner: str, name: str, value: float) -> None:
 
 @dataclass
 class Noised(Perturbation):
-    """Gaussian noise on every action: imprecise, jittery control.
+    """Gaussian noise on every action: imprecise, jittery control."""
 
-    Attributes:
-        sigma: Standard deviation, in raw action units.
-    """
-
+    # Standard deviation, in raw action units.
     sigma: float = 0.005
 
     def __post_init__(self) -> None:
@@ -81,12 +80,9 @@ class Noised(Perturbation):
 
 @dataclass
 class Laggy(Perturbation):
-    """The chunk last emitted comes again instead of the new one: delay, stalls.
+    """The chunk last emitted comes again instead of the new one: delay, stalls."""
 
-    Attributes:
-        p: Probability of a repetition, p_rep. The first chunk of an episode has nothing to repeat.
-    """
-
+    # Probability of a repetition, p_rep. The first chunk of an episode has nothing to repeat.
     p: float = 0.2
 
     def __post_init__(self) -> None:
@@ -104,14 +100,11 @@ class Laggy(Perturbation):
 
 @dataclass
 class Slow(Perturbation):
-    """The whole chunk scaled: hesitation (or haste, for a factor above 1).
+    """The whole chunk scaled: hesitation (or haste, for a factor above 1)."""
 
-    Attributes:
-        alpha: The factor.
-        p: Probability that a chunk is scaled, p_slow.
-    """
-
+    # The factor.
     alpha: float = 0.5
+    # Probability that a chunk is scaled, p_slow.
     p: float = 0.5
 
     def __post_init__(self) -> None:
@@ -123,16 +116,13 @@ class Slow(Perturbation):
 
 @dataclass
 class Shift(Perturbation):
-    """A constant added to one action dimension over the whole chunk: a systematic bias.
+    """A constant added to one action dimension over the whole chunk: a systematic bias."""
 
-    Attributes:
-        dim: The action dimension, d.
-        alpha: What is added, in raw action units.
-        p: Probability that a chunk is shifted, p_shift.
-    """
-
+    # The action dimension, d.
     dim: int = 1
+    # What is added, in raw action units.
     alpha: float = 0.005
+    # Probability that a chunk is shifted, p_shift.
     p: float = 0.5
 
     def __post_init__(self) -> None:

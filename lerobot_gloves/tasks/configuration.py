@@ -1,4 +1,7 @@
-"""What the tasks have in common under LeRobot's commands."""
+"""What the tasks have in common under LeRobot's commands.
+
+The comments above the fields are what LeRobot's `--help` shows; it cannot read attributes in a docstring.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -29,16 +32,11 @@ def check_observation_type(task: str, obs_type: str) -> None:
 class TaskEnv(EnvConfig):
     """Options of every task; those of its own come with its subclass.
 
-    A subclass gives `task`, `fps` and `episode_length` their values and names the class attributes below; an
-    observation of its environment holds `agent_pos`, `goal` and either `environment_state` or `pixels`.
+    A subclass gives `task`, `fps` and `episode_length`, the control steps until a timeout, their values, and names the
+    class attributes below; an observation of its environment holds `agent_pos`, `goal` and either `environment_state`
+    or `pixels`.
 
     Attributes:
-        task: Name of the Gymnasium environment below "gloves/".
-        fps: Control rate; fixed.
-        episode_length: Control steps until a timeout.
-        obs_type: "state" or "pixels_agent_pos".
-        image_size: Height and width of frames, in pixels.
-        render_mode: Only "rgb_array".
         modes: The task strings that exist; a demonstration's label is its string's place among them.
         cameras: Names of the cameras that pixel observations hold.
         feature_names: What each entry of a feature is, under LeRobot's keys.
@@ -48,8 +46,11 @@ class TaskEnv(EnvConfig):
         ValueError: If the observation type or rate is not one that exists.
     """
 
+    # What policies observe: state, or pixels_agent_pos, where images take the place of the scene's state.
     obs_type: str = "state"
+    # Height and width of frames, in pixels.
     image_size: int = 256
+    # How frames are rendered: only rgb_array.
     render_mode: str = "rgb_array"
     modes: ClassVar[tuple[str, ...]]
     cameras: ClassVar[tuple[str, ...]]

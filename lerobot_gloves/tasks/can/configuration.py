@@ -21,16 +21,17 @@ if TYPE_CHECKING:
 class CanEnv(TaskEnv):
     """CAN's options; `environment.Can` says what they mean.
 
-    Attributes:
-        mode: Quadrant of every episode, as an instruction or a name such as "top left"; None lets the seed choose.
-
     Raises:
         ValueError: If the observation type, mode or rate is not one that exists.
     """
 
+    # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Can-v0"
+    # Control rate, in steps a second; fixed.
     fps: int = CONTROL_HZ
+    # Control steps until a timeout.
     episode_length: int = 400
+    # Quadrant of every episode, as an instruction or a name such as "top left"; null lets the seed choose.
     mode: str | None = None
     modes: ClassVar[tuple[str, ...]] = MODES
     cameras: ClassVar[tuple[str, ...]] = tuple(CAMERAS)

@@ -23,18 +23,19 @@ class KeypadEnv(TaskEnv):
 
     Demonstrations are single presses, whatever `episode` says.
 
-    Attributes:
-        episode: "code" or "press".
-        mode: Code of every episode, such as "4 0 8", or the button to press, such as "4"; None lets the seed choose.
-
     Raises:
         ValueError: If the observation type, episode, mode or rate is not one that exists.
     """
 
+    # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Keypad-v0"
+    # Control rate, in steps a second; fixed.
     fps: int = CONTROL_HZ
+    # Control steps until a timeout.
     episode_length: int = 1000
+    # What an episode is: code, three presses, or press, a single one.
     episode: str = "code"
+    # Code of every episode, such as "4 0 8", or the button to press, such as "4"; null lets the seed choose.
     mode: str | None = None
     modes: ClassVar[tuple[str, ...]] = (*PRESSES, *CODES)
     cameras: ClassVar[tuple[str, ...]] = CAMERAS

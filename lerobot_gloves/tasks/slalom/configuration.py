@@ -21,16 +21,17 @@ if TYPE_CHECKING:
 class SlalomEnv(TaskEnv):
     """Slalom's options; `environment.Slalom` says what they mean.
 
-    Attributes:
-        mode: Corridor of every episode, such as "0 2 3"; None lets the seed choose.
-
     Raises:
         ValueError: If the observation type, mode or rate is not one that exists.
     """
 
+    # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Slalom-v0"
+    # Control rate, in steps a second; fixed.
     fps: int = CONTROL_HZ
+    # Control steps until a timeout.
     episode_length: int = 300
+    # Corridor of every episode, such as "0 2 3"; null lets the seed choose.
     mode: str | None = None
     modes: ClassVar[tuple[str, ...]] = MODES
     cameras: ClassVar[tuple[str, ...]] = (CAMERA,)

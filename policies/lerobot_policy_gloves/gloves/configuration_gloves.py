@@ -23,8 +23,10 @@ class PerturbationConfig(draccus.ChoiceRegistry):
 
 
 for _name, _class in PERTURBATIONS.items():
-    # The library's classes know nothing of draccus, which writes a choice's type only if it is a subclass.
-    PerturbationConfig.register_subclass(_name)(type(_class.__name__, (_class, PerturbationConfig), {}))
+    # The library's classes know nothing of draccus, which writes a choice's type only if it is a subclass, and looks
+    # for the comments that explain its fields where it says that its source is.
+    _source = {key: value for key, value in vars(_class).items() if key in ("__module__", "__firstlineno__")}
+    PerturbationConfig.register_subclass(_name)(type(_class.__name__, (_class, PerturbationConfig), _source))
 
 
 @PreTrainedConfig.register_subclass("gloves")
