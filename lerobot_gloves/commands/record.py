@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 
+from httpx import HTTPError
 from lerobot.configs import parser
 from lerobot.datasets import LeRobotDatasetMetadata
 from lerobot.envs import EnvConfig
@@ -15,7 +16,7 @@ from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.benchmark.cell import load_agent
-from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.commands.errors import one_line, one_line_errors
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 
 EXPERT_SEEDS, AGENT_SEEDS = 30000, 40000
@@ -155,19 +156,10 @@ def record(config: RecordConfig) -> None:
         with tqdm(total=num_episodes, initial=present, desc="recording", unit="episode") as progress:
             for count in _episodes(config, env_config, folder):
                 progress.update(count - progress.n)
-        dataset.assemble(
-            env_config,
-            folder,
-            config.root,
-            repo_id=config.dataset.repo_id,
-            num_episodes=num_episodes,
-            video=config.dataset.video,
-            command=config.command,
-            agent=agent,
-        )
+        _assemble(config, env_config, folder)
     print(f"{num_episodes} {'episodes of the agent' if agent else 'demonstrations'}: {config.root}")
     if config.dataset.push_to_hub:
-        print(f"pushed to {dataset.push(config.root, repo_id=config.dataset.repo_id, private=config.dataset.private)}")
+        print(f"pushed to {_push(config)}")
     shutil.rmtree(folder)  # last: until then, the same command finishes what is left to do
 
 
@@ -186,9 +178,46 @@ def _episodes(config: RecordConfig, env_config: demonstrations.Recordable, folde
     )
 
 
+def _assemble(config: RecordConfig, env_config: demonstrations.Recordable, folder: Path) -> None:
+    """Make the dataset of what is staged.
+
+    Raises:
+        OSError: If it cannot be written.
+    """
+    try:
+        dataset.assemble(
+            env_config,
+            folder,
+            config.root,
+            repo_id=config.dataset.repo_id,
+            num_episodes=config.num_episodes,
+            video=config.dataset.video,
+            command=config.command,
+            agent=config.recorded_agent,
+        )
+    except OSError as error:
+        # On a full disk LeRobot may complain of a file that it could not write before: not of one that is asked for.
+        raise OSError(f"could not write {config.root}: {one_line(error)}") from error
+
+
+def _push(config: RecordConfig) -> str:
+    """Upload the dataset; the repository's address.
+
+    Raises:
+        ConnectionError: If the Hub cannot be reached, or does not take it.
+    """
+    try:
+        return dataset.push(config.root, repo_id=config.dataset.repo_id, private=config.dataset.private)
+    except (OSError, HTTPError, RuntimeError, ValueError) as error:
+        raise ConnectionError(
+            f"{config.root} is complete, but the Hub has not got it: {one_line(error)}; if a token is missing, run "
+            "hf auth login"
+        ) from error
+
+
 def main() -> None:
     """Entry point."""
     init_logging()
     register_third_party_plugins()
-    with one_line_errors("gloves record"):
+    with one_line_errors("gloves record", "what is recorded is kept: run the command again to go on"):
         record()

@@ -3,11 +3,14 @@
 import multiprocessing
 import multiprocessing.connection
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 
 from lerobot.utils.import_utils import register_third_party_plugins
 
+from lerobot_gloves.benchmark.processes import interrupts_ignored
 from lerobot_gloves.recording import staging
 
 type Stage = Callable[[Sequence[range]], Iterator[None]]
@@ -27,7 +30,8 @@ def stage_all(stage: Stage, folder: Path, parts: Sequence[range], num_workers: i
         How many episodes there are, whenever that may have changed.
 
     Raises:
-        RuntimeError: If a process failed; its error has been printed.
+        ChildProcessError: If a process failed. What it could not help, such as a full disk, is told here; of anything
+            else it has printed a traceback.
     """
     wanted = {index for part in parts for index in part}
     missing = [part for part in parts if not staging.staged(folder).issuperset(part)]
@@ -36,12 +40,15 @@ def stage_all(stage: Stage, folder: Path, parts: Sequence[range], num_workers: i
             yield len(staging.staged(folder) & wanted)
         return
     context = multiprocessing.get_context("spawn")  # an OpenGL context does not survive a fork
+    told: SimpleQueue[str] = context.SimpleQueue()
     workers = [
-        context.Process(target=_work, args=(stage, missing[i::num_workers], os.getpid()))
+        context.Process(target=_work, args=(stage, missing[i::num_workers], os.getpid(), told))
         for i in range(min(num_workers, len(missing)))
     ]
-    for worker in workers:
-        worker.start()
+    # They inherit that Ctrl-C is not for them: this process ends them.
+    with interrupts_ignored():
+        for worker in workers:
+            worker.start()
     try:
         while any(worker.is_alive() for worker in workers):
             multiprocessing.connection.wait([worker.sentinel for worker in workers if worker.is_alive()], 0.5)
@@ -51,12 +58,18 @@ def stage_all(stage: Stage, folder: Path, parts: Sequence[range], num_workers: i
             worker.terminate()
             worker.join()
     if failed := [worker.exitcode for worker in workers if worker.exitcode]:
-        raise RuntimeError(f"{len(failed)} of {len(workers)} recording processes failed; their errors are above")
+        killed = next((f"killed by signal {-exitcode}" for exitcode in failed if exitcode < 0), "see above")
+        reason = killed if told.empty() else told.get()
+        raise ChildProcessError(f"{len(failed)} of {len(workers)} recording processes failed: {reason}")
 
 
-def _work(stage: Stage, parts: Sequence[range], parent: int) -> None:
+def _work(stage: Stage, parts: Sequence[range], parent: int, told: "SimpleQueue[str]") -> None:
     """One process's share; ends early when the recording itself was killed."""
-    register_third_party_plugins()
-    for _ in stage(parts):
-        if os.getppid() != parent:
-            return
+    try:
+        register_third_party_plugins()
+        for _ in stage(parts):
+            if os.getppid() != parent:
+                return
+    except (OSError, ValueError) as error:
+        told.put(str(error)[:1000])  # nobody reads before all have ended, and a pipe holds only so much
+        sys.exit(1)
