@@ -236,13 +236,15 @@ def observation(batch: int = 2, obs_type: str = "state", *, seed: int = 0) -> di
 
 
 def write_dataset(
-    root: Path, *, episodes: int = 4, length: int = 12, leave_out: tuple[str, ...] = ()
+    root: Path, obs_type: str = "state", *, episodes: int = 4, length: int = 12, leave_out: tuple[str, ...] = ()
 ) -> LeRobotDataset:
-    """A LeRobotDataset of Slalom's state observations: the action is a linear function of the state."""
-    inputs, outputs = features()
+    """A LeRobotDataset of Slalom's observations: the action is a linear function of the state, images are noise."""
+    inputs, outputs = features(obs_type)
     shapes = {key: feature for key, feature in {**inputs, **outputs}.items() if key not in leave_out}
     names = {key: [f"{key.split('.')[-1]}_{i}" for i in range(feature.shape[0])] for key, feature in shapes.items()}
     columns = {key: {"dtype": "float32", "shape": shapes[key].shape, "names": names[key]} for key in shapes}
+    if CAMERA in shapes:
+        columns[CAMERA] = {"dtype": "image", "shape": (SIZE, SIZE, 3), "names": ["height", "width", "channels"]}
     dataset = LeRobotDataset.create("me/tiny", fps=20, root=root, features=columns, use_videos=False)
     rng = np.random.default_rng(0)
     mixing = 0.01 * rng.normal(size=(4, 2))
@@ -255,6 +257,7 @@ def write_dataset(
                 "observation.goal": goal,
                 "observation.environment_state": np.arange(12.0),
                 "action": state @ mixing,
+                CAMERA: rng.uniform(size=(SIZE, SIZE, 3)),
             }
             dataset.add_frame({key: np.asarray(row[key], np.float32) for key in shapes} | {"task": "0 2 3"})
         dataset.save_episode()
@@ -264,7 +267,7 @@ def write_dataset(
 
 def training_options(kind: str, root: Path, output: Path, *, steps: int = 100_000) -> list[str]:
     """What `lerobot-train` needs for a tiny adapter on the dataset that `write_dataset` left in `root`."""
-    network = {key: value for key, value in FLOW.items() if value is not None}
+    network = {key: "null" if value is None else value for key, value in FLOW.items()}
     return [
         f"--policy.type={kind}",
         "--policy.device=cpu",

@@ -10,7 +10,7 @@ from lerobot.policies import get_policy_class
 from lerobot.scripts.lerobot_train import train
 from safetensors.torch import load_file
 
-from tests.builders import observation, training_options, write_dataset
+from tests.builders import CAMERA, observation, training_options, write_dataset
 
 LAST = Path("checkpoints") / "last"
 
@@ -51,6 +51,22 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, typed, caplog):
     assert set(resumed.config.input_features) == {"observation.state", "observation.environment_state"}
     chunk = resumed.predict_action_chunk(observation(2))
     assert chunk.shape == (2, 6, 2) and chunk.isfinite().all()
+
+
+def test_an_expert_flow_is_trained_on_pixels(tmp_path, typed):
+    write_dataset(tmp_path / "data", "pixels_agent_pos")
+    typed(*training_options("gloves_expert_flow", tmp_path / "data", tmp_path / "run", steps=2))
+    train()
+    folder = tmp_path / "run" / LAST / "pretrained_model"
+    trained = get_policy_class("gloves_expert_flow").from_pretrained(folder)
+    assert set(trained.config.input_features) == {"observation.state", CAMERA}
+    assert trained.state_dict()["ema.n_averaged"] == 2
+    batch = observation(2, "pixels_agent_pos")
+    chunk = trained.predict_action_chunk(batch)
+    assert chunk.shape == (2, 6, 2) and chunk.isfinite().all()
+    trained.reset()
+    other = trained.predict_action_chunk(batch | {CAMERA: 1 - batch[CAMERA]})
+    assert not torch.equal(other, chunk), "the images count"
 
 
 @pytest.mark.parametrize(
