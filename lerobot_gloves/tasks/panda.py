@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import mujoco
 
 OLDEST_MUJOCO, FIRST_UNUSABLE_MUJOCO = (3, 8, 1), (3, 10)
+EVERY_TASK = "all"
+"""The extra that installs what every task needs."""
 JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 SERVO_STIFFNESS = (4000.0, 4000.0, 3500.0, 3500.0, 2000.0, 2000.0, 1000.0)  # N m / rad
 PREFIX = "panda/"
@@ -30,8 +32,11 @@ class SimulatorError(ImportError):
     """The simulator that a task needs is missing, too old or too new."""
 
 
-def import_mujoco() -> ModuleType:
+def import_mujoco(extra: str = EVERY_TASK) -> ModuleType:
     """Import MuJoCo and check it, choosing headless EGL rendering unless `MUJOCO_GL` says otherwise.
+
+    Args:
+        extra: The extra of this package that installs what the task needs, for the error.
 
     Raises:
         SimulatorError: If MuJoCo is missing, of an unusable version, or cannot load its OpenGL library.
@@ -40,7 +45,7 @@ def import_mujoco() -> ModuleType:
     if sys.platform == "linux" and "MUJOCO_GL" not in os.environ and ctypes.util.find_library("EGL"):
         os.environ["MUJOCO_GL"] = "egl"
     if importlib.util.find_spec("mujoco") is None:
-        raise SimulatorError("MuJoCo is not installed: pip install 'lerobot_policy_gloves[slalom]'")
+        raise SimulatorError(f"MuJoCo is not installed: {_install(extra)}")
     try:
         import mujoco
     except Exception as error:
@@ -52,27 +57,31 @@ def import_mujoco() -> ModuleType:
     version = tuple(int(part) for part in mujoco.__version__.split(".")[:3])
     if not OLDEST_MUJOCO <= version < FIRST_UNUSABLE_MUJOCO:
         raise SimulatorError(
-            f"MuJoCo {mujoco.__version__} is installed, but 3.8.1 <= version < 3.10 is needed: "
-            "pip install 'lerobot_policy_gloves[slalom]'"
+            f"MuJoCo {mujoco.__version__} is installed, but 3.8.1 <= version < 3.10 is needed: {_install(extra)}"
         )
     return mujoco
 
 
-def arm_file() -> Path:
+def arm_file(extra: str = EVERY_TASK) -> Path:
     """Where the installed robosuite keeps its Panda.
+
+    Args:
+        extra: As of `import_mujoco`.
 
     Raises:
         SimulatorError: If robosuite is not installed.
     """
     package = importlib.util.find_spec("robosuite")
     if package is None or not package.submodule_search_locations:
-        raise SimulatorError(
-            "robosuite, whose Panda this task uses, is not installed: pip install 'lerobot_policy_gloves[slalom]'"
-        )
+        raise SimulatorError(f"robosuite, whose Panda this task uses, is not installed: {_install(extra)}")
     return Path(package.submodule_search_locations[0]) / "models/assets/robots/panda/robot.xml"
 
 
-def panda_scene(*, rod_length: float, rod_radius: float, visual: bool) -> "mujoco.MjSpec":
+def _install(extra: str) -> str:
+    return f"pip install 'lerobot_policy_gloves[{extra}]'"
+
+
+def panda_scene(*, rod_length: float, rod_radius: float, visual: bool, extra: str = EVERY_TASK) -> "mujoco.MjSpec":
     """A scene with a Panda at the origin that holds a rod, tip site `panda/tip` at the rod's end.
 
     The rod is the arm's only colliding part (contype 1, conaffinity 0): give whatever it may touch conaffinity 1.
@@ -82,12 +91,13 @@ def panda_scene(*, rod_length: float, rod_radius: float, visual: bool) -> "mujoc
         rod_radius: In metres.
         visual: With the arm's meshes, decimated, to draw pictures from. Without them the scene moves exactly alike
             and compiles in a millisecond, since all inertias are written in the MJCF.
+        extra: As of `import_mujoco`.
 
     Returns:
         A `mujoco.MjSpec` to add the task's own bodies to; actuator i drives joint i to an angle in rad.
     """
-    mujoco = import_mujoco()
-    path = arm_file()
+    mujoco = import_mujoco(extra)
+    path = arm_file(extra)
     arm = mujoco.MjSpec.from_file(str(path))
     for actuator in list(arm.actuators):
         arm.delete(actuator)
@@ -98,7 +108,7 @@ def panda_scene(*, rod_length: float, rod_radius: float, visual: bool) -> "mujoc
         if not visual or "_vis" not in mesh.name:
             arm.delete(mesh)
     if visual:
-        decimate_visual_meshes(arm, path.parent)
+        decimate_visual_meshes(arm, path.parent, extra)
     for body in arm.bodies:
         body.gravcomp = 1.0
     for joint in arm.joints:

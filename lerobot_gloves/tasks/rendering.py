@@ -16,12 +16,13 @@ KEPT_FACES = 0.1
 """Share of a mesh's faces that is kept. Software rendering is bound by vertices: a tenth of them is 25 times faster."""
 
 
-def decimate_visual_meshes(spec: "mujoco.MjSpec", folder: Path) -> None:
+def decimate_visual_meshes(spec: "mujoco.MjSpec", folder: Path, extra: str) -> None:
     """Replace the OBJ meshes of a `mujoco.MjSpec` by simplified ones, in memory.
 
     Args:
         spec: Its meshes are files below `folder`.
         folder: Where the MJCF lies.
+        extra: The extra of this package that installs what the task needs, for the error.
 
     Raises:
         ImportError: If fast-simplification is not installed.
@@ -30,7 +31,7 @@ def decimate_visual_meshes(spec: "mujoco.MjSpec", folder: Path) -> None:
         import fast_simplification
     except ImportError as error:
         raise ImportError(
-            "drawing pictures needs fast-simplification: pip install 'lerobot_policy_gloves[slalom]'"
+            f"drawing pictures needs fast-simplification: pip install 'lerobot_policy_gloves[{extra}]'"
         ) from error
     for mesh in spec.meshes:
         vertices, faces = _read_obj(folder / mesh.file)

@@ -243,7 +243,7 @@ def test_a_missing_robosuite_is_one_clear_line(monkeypatch):
     build = scene._xml.__wrapped__
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "robosuite", None)  # what makes find_spec answer that there is none
-        with pytest.raises(panda.SimulatorError, match=r"pip install 'lerobot_policy_gloves\[") as error:
+        with pytest.raises(panda.SimulatorError, match=r"pip install 'lerobot_policy_gloves\[can\]'") as error:
             build()
     assert "\n" not in str(error.value)
 

@@ -1,5 +1,9 @@
 """What holds for every task's environment alike."""
 
+import importlib
+import sys
+from importlib.metadata import metadata
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -7,6 +11,7 @@ from lerobot.envs import EnvConfig
 
 import lerobot_gloves.tasks  # noqa: F401
 from lerobot_gloves.tasks.configuration import TaskEnv
+from lerobot_gloves.tasks.panda import SimulatorError
 
 TASKS = {
     "gloves_slalom": ("two", {"2 0 0": "'2 0 0': give three gaps as in '0 2 3'", "023": "'023'"}),
@@ -57,3 +62,31 @@ def test_unknown_options_are_refused_with_the_valid_ones(name):
             gym.make(known.gym_id, disable_env_checker=True, **options)
     with pytest.raises(ValueError, match="20 frames a second, not 30"):
         type(known)(fps=30)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_a_missing_or_unusable_simulator_is_one_line_with_the_tasks_own_extra(name, monkeypatch):
+    extra = name.removeprefix("gloves_")
+    assert extra in metadata("lerobot_policy_gloves").get_all("Provides-Extra")
+    install = rf"pip install 'lerobot_policy_gloves\[{extra}\]'"
+    mujoco = importlib.import_module("mujoco")
+    scene = importlib.import_module(f"lerobot_gloves.tasks.{extra}.scene")
+    with monkeypatch.context() as patch:
+        patch.setattr(mujoco, "__version__", "3.10.0")
+        with pytest.raises(SimulatorError, match=rf"MuJoCo 3.10.0 is installed, but .* is needed: {install}$"):
+            gym.make(config(name).gym_id)
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "mujoco", None)  # what makes find_spec answer that there is none
+        with pytest.raises(SimulatorError, match=f"^MuJoCo is not installed: {install}$"):
+            gym.make(config(name).gym_id)
+    build = getattr(scene, "_xml", scene.model).__wrapped__  # past the cache, which may hold the scene already
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "robosuite", None)
+        with pytest.raises(
+            SimulatorError, match=f"robosuite, whose Panda this task uses, is not installed: {install}$"
+        ):
+            build()
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "fast_simplification", None)
+        with pytest.raises(ImportError, match=f"^drawing pictures needs fast-simplification: {install}$"):
+            scene.model.__wrapped__(visual=True)

@@ -199,7 +199,7 @@ def test_a_missing_or_unusable_simulator_is_one_clear_line(monkeypatch):
     for package, entry in (("mujoco", panda.import_mujoco), ("robosuite", panda.arm_file)):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, package, None)  # what makes find_spec answer that there is none
-            with pytest.raises(panda.SimulatorError, match=r"pip install 'lerobot_policy_gloves\[slalom\]'"):
+            with pytest.raises(panda.SimulatorError, match=r"pip install 'lerobot_policy_gloves\[all\]'"):
                 entry()
 
 

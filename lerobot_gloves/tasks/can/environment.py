@@ -84,7 +84,7 @@ class Can(gym.Env):
             image_size=image_size,
         )
 
-        self._mujoco = import_mujoco()
+        self._mujoco = import_mujoco("can")
         self._model = scene.model()
         self._data = self._mujoco.MjData(self._model)
         self._control = OperationalSpaceControl(self._model, self._data)

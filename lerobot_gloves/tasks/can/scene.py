@@ -78,8 +78,8 @@ def quadrant_of(position: np.ndarray) -> int | None:
 @cache
 def _xml() -> str:
     """The scene's MJCF, put together by robosuite."""
-    import_mujoco()
-    arm_file()  # raises if there is no robosuite
+    import_mujoco("can")
+    arm_file("can")  # raises if there is no robosuite
     logger = logging.getLogger("robosuite_logs")
     logger.addFilter(_is_error)  # robosuite logs hints about its optional parts while it is imported
     try:
@@ -114,7 +114,7 @@ def _is_error(record: logging.LogRecord) -> bool:
 @cache
 def model(*, visual: bool = False) -> "mujoco.MjModel":
     """The compiled scene, one a process: without visual parts to move in, with them to draw from."""
-    mujoco = import_mujoco()
+    mujoco = import_mujoco("can")
     scene = mujoco.MjSpec.from_string(_xml())
     # robosuite's group 0 collides, group 1 is seen, group 2 marks targets; inertias come from group 0 alone.
     shown = 1 if visual else 0
@@ -143,7 +143,7 @@ def _decimate(scene: "mujoco.MjSpec") -> None:
             "drawing pictures needs fast-simplification: pip install 'lerobot_policy_gloves[can]'"
         ) from error
     full = scene.copy().compile()  # a spec keeps what its own compilation read
-    mujoco = import_mujoco()
+    mujoco = import_mujoco("can")
     for mesh in scene.meshes:
         compiled = full.mesh(mesh.name)
         vertices = full.mesh_vert[compiled.vertadr[0] :][: compiled.vertnum[0]]

@@ -87,7 +87,7 @@ class Keypad(gym.Env):
             image_size=image_size,
         )
 
-        self._mujoco = import_mujoco()
+        self._mujoco = import_mujoco("keypad")
         self._model = scene.model()
         self._data = self._mujoco.MjData(self._model)
         self._inverse_kinematics = InverseKinematics(self._model)

@@ -65,8 +65,8 @@ def model(*, visual: bool = False) -> "mujoco.MjModel":
 
     The buttons are the only joints besides the arm's: qpos is 7 angles in rad and 9 travels.
     """
-    mujoco = import_mujoco()
-    scene = panda_scene(rod_length=STYLUS_LENGTH, rod_radius=STYLUS_RADIUS, visual=visual)
+    mujoco = import_mujoco("keypad")
+    scene = panda_scene(rod_length=STYLUS_LENGTH, rod_radius=STYLUS_RADIUS, visual=visual, extra="keypad")
     # With a round end: MuJoCo knows a capsule's contacts with a box in closed form. Those of a cylinder that stands on
     # a box it searches for, and now and then a wrong one throws the stylus sideways.
     stylus = scene.geom(f"{PREFIX}rod")

@@ -72,7 +72,7 @@ class Slalom(gym.Env):
             image_size=image_size,
         )
 
-        self._mujoco = import_mujoco()
+        self._mujoco = import_mujoco("slalom")
         self._model = scene.model()
         self._data = self._mujoco.MjData(self._model)
         self._inverse_kinematics = InverseKinematics(self._model)

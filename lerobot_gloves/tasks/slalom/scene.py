@@ -62,8 +62,8 @@ def nearest_pillar(xy: np.ndarray) -> tuple[float, np.ndarray]:
 @cache
 def model(*, visual: bool = False) -> "mujoco.MjModel":
     """The compiled scene, one a process: without meshes to move in, with them to draw from."""
-    mujoco = import_mujoco()
-    scene = panda_scene(rod_length=ROD_LENGTH, rod_radius=ROD_RADIUS, visual=visual)
+    mujoco = import_mujoco("slalom")
+    scene = panda_scene(rod_length=ROD_LENGTH, rod_radius=ROD_RADIUS, visual=visual, extra="slalom")
     for (x, y), radius in zip(PILLARS, PILLAR_RADII, strict=True):
         scene.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER,
