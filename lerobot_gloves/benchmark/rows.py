@@ -33,7 +33,7 @@ SHARED = ("env", "agent", "split", "episodes", "batch_size")
 """The conditions that all rows of a task have in common, so that they can be compared."""
 WHAT_DECIDES = ("*.json", "*.safetensors")
 """Files of a checkpoint that an episode depends on: configuration, weights, normalisation, calibration."""
-PACKAGES = ("lerobot_policy_gloves", "lerobot", "torch", "numpy", "gymnasium", "mujoco")
+PACKAGES = ("lerobot_policy_gloves", "lerobot", "torch", "numpy", "gymnasium", "mujoco", "robosuite", "diffusers")
 
 
 @dataclass(frozen=True, eq=False)

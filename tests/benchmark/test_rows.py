@@ -1,3 +1,4 @@
+import importlib
 import json
 import shutil
 from dataclasses import replace
@@ -55,7 +56,10 @@ def test_a_row_comes_back_with_all_that_it_takes_to_repeat_it(tmp_path: Path, se
     assert row["conditions"]["agent"] == checkpoint_hash(setup.agent)
     assert row["conditions"]["adapter"] == checkpoint_hash(setup.adapter)
     assert row["checkpoints"] == {"agent": setup.agent, "adapter": setup.adapter}
-    assert {"python", "torch", "lerobot", "lerobot_policy_gloves"} <= row["versions"].keys()
+    for package in ("torch", "lerobot", "mujoco", "diffusers"):
+        assert row["versions"][package] == importlib.import_module(package).__version__.partition("+")[0]
+    assert row["versions"]["robosuite"] == "1.5.1", "which pyproject.toml pins"
+    assert {"python", "lerobot_policy_gloves"} <= row["versions"].keys()
 
 
 def test_a_failed_write_leaves_no_row(tmp_path: Path, setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
