@@ -1,15 +1,16 @@
 """One cell of the benchmark: a task, a perturbation, a method, a seed."""
 
-import json
+import io
 import logging
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 import gymnasium as gym
 import torch
+from draccus.utils import ParsingError
 from huggingface_hub.errors import HFValidationError
 from lerobot.configs import PreTrainedConfig
 from lerobot.envs import EnvConfig, close_envs, make_env, make_env_pre_post_processors
@@ -19,6 +20,7 @@ from lerobot.utils.constants import ACTION
 from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
+from lerobot_gloves.benchmark.options import check_options, told_options
 from lerobot_gloves.benchmark.rollout import Episode, rollout
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 from lerobot_gloves.specification import parse, specification
@@ -28,8 +30,6 @@ SEED_BANDS = {"test": 10000, "validation": 20000}
 BAND = 100
 """How many seeds a split has room for, and how many episodes each of them."""
 NONE, GATE = "none", "+gate"
-PERTURBED = "{perturbation}"
-"""Stands for the perturbation's name, such as `noised`, in the options of a method."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -45,8 +45,7 @@ class Setup:
         batch_size: Environments that run side by side.
         score: Nonconformity score and its options; None for the adapter's first, if it has any.
         alpha: The gate's significance level.
-        options: Further options of the wrapper for its adapter, such as `adapter_overrides`; `PERTURBED` in them stands
-            for the perturbation's name.
+        options: Further options of the wrapper for its adapter, such as `adapter_overrides` (see `options`).
 
     Raises:
         ValueError: If split, episodes or batch size is not valid.
@@ -162,30 +161,28 @@ def resolve_method(setup: Setup, method: str) -> dict[str, Any]:
             f"method {method!r} with score {setup.score!r}: a policy of type {adapter.name!r} has no scores, "
             "and so no gate: leave out both"
         )
-    allowed = adapter_options()
-    for name in setup.options:
-        if name not in allowed:
-            raise ValueError(f"the wrapper has no adapter option {name!r}: choose from {', '.join(allowed)}")
+    check_options(setup.options)
     return {**resolved, "options": setup.options} if setup.options else resolved
 
 
-def adapter_options() -> list[str]:
-    """The wrapper's options for its adapter that a benchmark leaves open."""
-    names = [option.name for option in fields(PreTrainedConfig.get_choice_class("gloves"))]
-    # A checkpoint counts by content: another revision is another checkpoint.
-    return [name for name in names if name.startswith("adapter_") and name != "adapter_revision"]
-
-
-def checkpoint_config(option: str, checkpoint: str) -> PreTrainedConfig:
-    """The configuration of the policy that an option names.
+def checkpoint_config(option: str, checkpoint: str, overrides: Sequence[str] = ()) -> PreTrainedConfig:
+    """The configuration of the policy that an option names, with options such as `--guidance=2` over it.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is none, or it has no such options.
     """
+    told = io.StringIO()
     try:
-        return PreTrainedConfig.from_pretrained(checkpoint)
+        with redirect_stderr(told):
+            return PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=list(overrides))
     except (FileNotFoundError, HFValidationError) as error:
         raise ValueError(f"--{option}={checkpoint} is no checkpoint's folder, nor one on the Hub in reach") from error
+    except ParsingError as error:
+        raise ValueError(f"--{option}={checkpoint} with {' '.join(overrides)}: {error.__cause__ or error}") from error
+    except SystemExit as error:  # how argparse refuses an option, after telling all that there are
+        known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint))))
+        reason = told.getvalue().strip().splitlines()[-1].partition("error: ")[2]
+        raise ValueError(f"--{option}={checkpoint} has {reason}: choose from {known}") from error
 
 
 def run(setup: Setup, cell: Cell) -> list[Episode]:
@@ -221,7 +218,7 @@ def load(setup: Setup, cell: Cell) -> Act:
             "gate": cell.method.endswith(GATE),
             "alpha": setup.alpha,
             "score": setup.score,
-            **json.loads(json.dumps(setup.options).replace(PERTURBED, cell.perturbation.partition(":")[0])),
+            **told_options(setup.options, cell.perturbation),
         }
     return load_agent(setup.env, setup.agent, cell.perturbation, cell.seed, **corrected)
 

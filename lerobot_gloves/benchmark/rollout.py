@@ -88,9 +88,7 @@ def rollout(
     for step in range(1, limit + 1):
         if hasattr(policy, "running"):
             policy.running = torch.from_numpy(running.copy())
-        batch = prepare({**preprocess_observation(observation), "task": tasks(env)})
-        with torch.inference_mode():
-            action = finish(policy.select_action(batch))
+        action = act(env, policy, prepare, finish, observation)
         count_chunks(episodes, running, getattr(policy, "correction", None))
         if watch is not None:
             watch(observation, running)
@@ -107,6 +105,19 @@ def rollout(
         if not running.any():
             break
     return episodes
+
+
+def act(
+    env: gym.vector.SyncVectorEnv,
+    policy: PreTrainedPolicy,
+    prepare: Callable[[dict[str, Any]], dict[str, Any]],
+    finish: Callable[[Tensor], Tensor],
+    observation: dict[str, Any],
+) -> Tensor:
+    """The policy's actions (B, A) on what B environments show; see `rollout`."""
+    batch = prepare({**preprocess_observation(observation), "task": tasks(env)})
+    with torch.inference_mode():
+        return finish(policy.select_action(batch))
 
 
 def tasks(env: gym.vector.SyncVectorEnv) -> list[str]:

@@ -13,13 +13,14 @@ from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.benchmark import search
-from lerobot_gloves.benchmark.cell import NONE, load
+from lerobot_gloves.benchmark.cell import NONE
 from lerobot_gloves.benchmark.cluster import Cluster
 from lerobot_gloves.benchmark.file import complete
 from lerobot_gloves.benchmark.matrix import Task, cells, select, single_task
 from lerobot_gloves.benchmark.processes import Processes, ThisProcess
 from lerobot_gloves.benchmark.report import report
 from lerobot_gloves.benchmark.rows import Job, finished_cells, plan, read_rows
+from lerobot_gloves.benchmark.trial import try_all
 from lerobot_gloves.benchmark.workers import Note, Workers, play_all
 from lerobot_gloves.commands.errors import one_line_errors
 
@@ -141,7 +142,7 @@ def bench(config: BenchConfig) -> list[str]:
 
 def run_missing(config: BenchConfig, missing: Sequence[Job], *, total: int) -> list[str]:
     """Play cells, with progress and time left on standard error; a line for each that failed."""
-    check_loading(missing)
+    try_all(missing)
     failures = []
     with (
         make_workers(config, len(missing)) as workers,
@@ -156,19 +157,6 @@ def run_missing(config: BenchConfig, missing: Sequence[Job], *, total: int) -> l
                 progress.write(event.failure, file=sys.stderr)
             progress.update()
     return failures
-
-
-def check_loading(jobs: Sequence[Job]) -> None:
-    """Load every agent and adapter once, so that what is wrong with them does not show in every cell."""
-    distinct: dict[str, Job] = {}
-    for job in jobs:
-        editor, _, gate = job.cell.method.partition("+")
-        alike = {**job.conditions, "method": (editor.partition(":")[0], gate)}
-        if not job.setup.options:
-            del alike["perturbation"]
-        distinct.setdefault(str(sorted(alike.items())), job)
-    for job in distinct.values():
-        load(job.setup, job.cell)
 
 
 def make_workers(config: BenchConfig, most: int) -> Workers:

@@ -1,6 +1,8 @@
 """`gloves bench` in processes of its own: what is killed, interrupted or started twice."""
 
 import os
+import re
+import resource
 import signal
 import subprocess
 import sys
@@ -14,7 +16,14 @@ from lerobot_gloves.benchmark.rows import read_rows
 from tests.benchmark.test_bench import gloves, without_times
 
 
-def start(*arguments: str) -> subprocess.Popen:
+def start(*arguments: str, most: int = resource.RLIM_INFINITY) -> subprocess.Popen:
+    """The command in a process of its own, which may write files of `most` bytes."""
+
+    def begin() -> None:
+        # Whoever runs the tests in the background has them ignore Ctrl-C.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
     return subprocess.Popen(
         [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
         env=os.environ,
@@ -22,8 +31,7 @@ def start(*arguments: str) -> subprocess.Popen:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        # Whoever runs the tests in the background has them ignore Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=begin,
     )
 
 
@@ -59,8 +67,10 @@ def test_a_killed_run_goes_on_with_the_same_episodes(
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[str]) -> None:
-    process = start("bench", *options, f"--seeds={list(range(100))}", "--num_workers=2")
+@pytest.mark.parametrize("num_workers", [1, 2])
+def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[str], num_workers: int) -> None:
+    """With one worker, in the middle of a cell of this very process."""
+    process = start("bench", *options, f"--seeds={list(range(100))}", f"--num_workers={num_workers}")
     wait_for_rows(process, tmp_path / "rows", 1)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
     _, errors = process.communicate(timeout=60)  # returns when the last worker has let go of the pipe
@@ -70,6 +80,7 @@ def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[s
     )
     assert "Traceback" not in errors
     assert 0 < len(read_rows(tmp_path / "rows")) < 100
+    assert {file.suffix for file in (tmp_path / "rows").iterdir()} == {".json"}
 
 
 @pytest.mark.slow
@@ -92,6 +103,31 @@ def test_a_killed_worker_costs_nothing(tmp_path: Path, options: list[str], monke
     alone = tmp_path / "alone"
     assert gloves(monkeypatch, "bench", *options, *matrix, f"--output_dir={alone}") == ""
     assert without_times(finished) == without_times(read_rows(alone))
+
+
+@pytest.mark.slow
+def test_a_full_disk_ends_a_run_of_two_workers_and_keeps_rows(
+    tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No file may grow larger than a raw agent's row: its rows fit, those with histograms of scores do not."""
+    options = [*options, "--episodes=20", "--perturbations=[noised]"]
+    assert gloves(monkeypatch, "bench", *options, "--seeds=[0, 1]") == ""
+    kept = {file: file.read_text() for file in (tmp_path / "rows").iterdir()}
+    most = max(map(len, kept.values())) + 200
+    matrix = ['--methods=[none, "feeg+gate"]', "--seeds=[0, 1]", "--num_workers=2"]
+    process = start("bench", *options, *matrix, most=most)
+    _, errors = process.communicate(timeout=500)
+    assert process.returncode == 1
+    last = errors.rstrip().splitlines()[-1]
+    assert re.fullmatch(
+        r"gloves bench: \[Errno 27\] File too large: '.*__feeg_gate__seed[01]\.json'; finished cells are kept: run the "
+        "command again to go on",
+        last.replace("feeg+gate", "feeg_gate"),
+    )
+    assert "Traceback" not in errors
+    assert {file: file.read_text() for file in (tmp_path / "rows").iterdir()} == kept, "no parts, no locks"
+    assert gloves(monkeypatch, "bench", *options, *matrix, "--num_workers=1") == ""
+    assert len(read_rows(tmp_path / "rows")) == 4
 
 
 @pytest.mark.slow

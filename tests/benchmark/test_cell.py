@@ -3,25 +3,13 @@
 from typing import Any
 
 import pytest
-from lerobot.policies import get_policy_class, make_policy_config
 
 from lerobot_gloves.benchmark.cell import Cell, Setup, load, resolve_method, run
 from lerobot_gloves.tasks.slalom import SlalomEnv
-from tests.builders import FLOW, features, save_policy
 
 
 def setup_of(agent: str, adapter: str, **options: Any) -> Setup:
     return Setup(env=SlalomEnv(episode_length=20), agent=agent, adapter=adapter, episodes=2, **options)
-
-
-@pytest.fixture(scope="module")
-def diffusion(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """An adapter without scores."""
-    inputs, outputs = features()
-    small = {key: value for key, value in FLOW.items() if key != "num_inference_steps"}
-    config = make_policy_config("ddpm_assist", input_features=inputs, output_features=outputs, device="cpu", **small)
-    policy = get_policy_class("ddpm_assist")(config)
-    return str(save_policy(tmp_path_factory.mktemp("diffusion"), "ddpm_assist", policy=policy))
 
 
 def test_defaults_are_the_adapters_first(agent: str, adapter: str) -> None:
@@ -67,6 +55,19 @@ def test_options_reach_the_wrapper_with_the_perturbations_name(agent: str, adapt
 def test_the_raw_agent_has_no_adapter(agent: str, adapter: str) -> None:
     policy, _, _ = load(setup_of(agent, adapter, score="reverse:steps=5"), Cell("none", "none", 0))
     assert (policy.config.adapter, policy.config.score, policy.config.gate) == (None, None, False)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"adapter_overrides": "--guidance=2"}, "adapter_overrides is '--guidance=2', but must be a list of options"),
+        ({"adapter_overrides": [2]}, r"adapter_overrides is \[2\], but must be a list of options"),
+        ({"adapter_rename_map": ["a"]}, r"adapter_rename_map is \['a'\], but must be observation keys by observation"),
+    ],
+)
+def test_options_of_another_form_are_refused(agent: str, adapter: str, options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        resolve_method(setup_of(agent, adapter, options=options), "feeg")
 
 
 @pytest.mark.parametrize("seed", [-1, 100])

@@ -85,6 +85,24 @@ def test_a_worker_killed_on_two_nodes_costs_nothing(
     assert without_times(rows) == without_times(read_rows(tmp_path / "local"))
 
 
+@pytest.mark.slow
+def test_without_an_address_ray_is_started_here_and_ended(
+    tmp_path: Path, agent: str, adapter: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("ray")
+    options = [*QUICK, f"--agent={agent}", f"--adapter={adapter}", "--seeds=[0, 1]", '--methods=["feeg+gate"]']
+    before = set(descendants())
+    process = start("bench", *options, "--executor=ray", f"--output_dir={tmp_path / 'rows'}")
+    printed, errors = process.communicate(timeout=500)
+    assert process.returncode == 0, errors
+    assert printed.startswith("## ")
+    assert set(descendants()) <= before
+    rows = read_rows(tmp_path / "rows")
+    assert len(rows) == 2
+    assert gloves(monkeypatch, "bench", *options, f"--output_dir={tmp_path / 'local'}") == ""
+    assert without_times(rows) == without_times(read_rows(tmp_path / "local"))
+
+
 def test_nobody_at_an_address(tmp_path: Path, agent: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ray")
     ray = ["--executor=ray", "--address=127.0.0.1:1", f"--output_dir={tmp_path / 'rows'}"]
