@@ -104,6 +104,24 @@ def test_chosen_settings_go_over_the_file_and_options_over_them(file: Path, tmp_
         ),
         ("tasks:", "tasks: [1]\nother:", "has no key 'other'"),
         ("tasks:\n  slalom:", "tasks:\n  - slalom:", "tasks is [{"),
+        (
+            "{none: none,",
+            "{none: ,",
+            "bench.yaml: tasks.slalom.perturbations.none is None, but must be none or a specification such as noised",
+        ),
+        (
+            "{editor: none}",
+            "{editor: }",
+            "tasks.slalom.methods.agent.editor is None, but must be none or an editor such as feeg",
+        ),
+        ("gate: true", "settings: {editor: feeg}", "FEEG+gate.settings is {'editor': 'feeg'}, but must be a list"),
+        (
+            "agent: {editor: none}",
+            "agent: {editor: none, editor: feeg}",
+            "bench.yaml, line 9: the key 'editor' is ther",
+        ),
+        ("tasks:", "seeds: [3]\ntasks:", "bench.yaml, line 3: the key 'seeds' is there twice"),
+        ("    methods:", "    agent: b\n    methods:", "bench.yaml, line 8: the key 'agent' is there twice"),
         ("    methods:", "    methods", "bench.yaml is not YAML: while scanning a simple key"),
         (TEXT, "just words", "bench.yaml does not hold names and values"),
     ],
@@ -118,8 +136,48 @@ def test_wrong_files_are_refused(file: Path, before: str, after: str, message: s
 
 
 @pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("tasks: [slalom]", "chosen.yaml: tasks is ['slalom'], but must be tasks by name"),
+        ("tasks: {slalom: [1]}", "chosen.yaml: tasks.slalom is [1], but must have some of the keys env, agent, pertur"),
+        (
+            "tasks: {slalom: {methods: [FEEG]}}",
+            "chosen.yaml: tasks.slalom.methods is ['FEEG'], but must be at least on",
+        ),
+        (
+            "tasks: {slalom: {methods: {FEEG+gate: {editr: feeg}}}}",
+            "chosen.yaml: tasks.slalom.methods.FEEG+gate has no key 'editr': choose from adapter, editor, gate, ",
+        ),
+        ("tasks: {slalom: {methods: {FEG: {editor: feeg}}}}", "chosen.yaml: slalom has no method 'FEG': choose from a"),
+        ("tasks: {keypad: {}}", "chosen.yaml: there is no task 'keypad': choose from slalom"),
+        ("tasks: {}\nseeds: [1]", "chosen.yaml has no key 'seeds': a file of chosen settings holds tasks only"),
+        ("tasks: {}\ntasks: {}", "chosen.yaml, line 2: the key 'tasks' is there twice"),
+        ("[1]", "chosen.yaml does not hold names and values"),
+    ],
+)
+def test_wrong_chosen_files_are_refused_by_their_own_name(file: Path, tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "chosen.yaml").write_text(text)
+    with pytest.raises(ValueError) as refused:
+        complete([f"--config_path={file}", f"--chosen={tmp_path / 'chosen.yaml'}"], BenchConfig)
+    assert message in str(refused.value)
+    assert "bench.yaml" not in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_several_mappings_may_be_merged_from_below(file: Path) -> None:
+    """YAML's own `<<` is not one key twice."""
+    anchored = TEXT.replace("agent: {editor: none}", "a: &a {editor: none}\n      b: &b {alpha: 0.1}").replace(
+        "adapter: my/adapter,", "<<: *a, <<: *b, adapter: my/adapter,"
+    )
+    file.write_text(anchored)
+    method = tasks(f"--config_path={file}")["slalom"]["methods"]["FEEG+gate"]
+    assert method == {"alpha": 0.1, "adapter": "my/adapter", "editor": "feeg:start=0.2", "gate": True}
+
+
+@pytest.mark.parametrize(
     ("option", "message"),
     [
+        ("--tasks.slalom=5", "--tasks.slalom=5: tasks.slalom is 5, but must have some of the keys env, agent, "),
+        ("--tasks.slalom.perturbations.noised=", "tasks.slalom.perturbations.noised is None, but must be none or a "),
         ("--tasks.slalm.agent=a", "--tasks.slalm.agent=a: there is no task 'slalm': choose from slalom"),
         ("--tasks.slalom.methods.FEG.alpha=1", "slalom has no method 'FEG': choose from agent, FEEG+gate"),
         ("--tasks.slalom.agnt=a", "tasks.slalom has no key 'agnt'"),
