@@ -1,8 +1,10 @@
 """The tables of a report, before they become Markdown or HTML."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from lerobot_gloves.benchmark.options import PERTURBED
 from lerobot_gloves.benchmark.paper import COLUMNS, SOURCE, Published, published
 from lerobot_gloves.benchmark.statistics import PairedDifference
 from lerobot_gloves.benchmark.summary import NONE, Result, Section, ranks
@@ -223,6 +225,20 @@ def definitions(section: Section) -> list[str]:
         own = row["conditions"]
         if row["cell"]["method"] == NONE:
             continue
-        scored = f"score {own['score']}, alpha {own['alpha']}, " if own.get("score") else ""
-        told.append(f"{name}: {own['method']}, {scored}adapter {row['checkpoints']['adapter']} ({own['adapter'][:12]})")
+        scored = [f"score {own['score']}", f"alpha {own['alpha']}"] if own.get("score") else []
+        adapter = f"adapter {row['checkpoints']['adapter']} ({own['adapter'][:12]})"
+        told.append(", ".join([f"{name}: {own['method']}", *scored, adapter, *described(own.get("options") or {})]))
+    return told
+
+
+def described(options: Mapping[str, Any]) -> list[str]:
+    """What a method's adapter was told besides, an item an option; a method that knows the perturbation says so."""
+    told = []
+    for name, value in options.items():
+        items = [f"{key} as {new}" for key, new in value.items()] if isinstance(value, Mapping) else value
+        text = " ".join(map(str, items)) if isinstance(items, list) else str(items)
+        knows = (
+            f" (it is told the perturbation: {PERTURBED} is the name of the one played)" if PERTURBED in text else ""
+        )
+        told.append(f"{name} {text}{knows}")
     return told

@@ -160,6 +160,24 @@ def test_headline_says_what_was_run() -> None:
     assert "- feeg+gate: feeg+gate, score reverse:steps=1, alpha 0.05, adapter my/adapter (bbbbbbbbbbbb)" in text
 
 
+def test_what_an_adapter_was_told_besides_is_printed() -> None:
+    """IFAE with one network for every perturbation is told which one is played; a reader must know."""
+    told = row("slow", "ifae", 0, [1, 1, 1, 1])
+    told["conditions"]["options"] = {
+        "adapter_overrides": ["--agent_source={perturbation}", "--guidance=2"],
+        "adapter_rename_map": {"observation.a": "observation.b"},
+    }
+    blind = row("slow", "feeg", 0, [1, 1, 1, 1])
+    blind["conditions"]["options"] = {"adapter_overrides": ["--guidance=2"]}
+    ifae, feeg = [line for line in report([blind, told]).splitlines() if line.startswith(("- ifae", "- feeg"))][::-1]
+    assert ifae.endswith(
+        "adapter my/adapter (bbbbbbbbbbbb), adapter_overrides --agent_source={perturbation} --guidance=2 "
+        "(it is told the perturbation: {perturbation} is the name of the one played), "
+        "adapter_rename_map observation.a as observation.b"
+    )
+    assert feeg.endswith("adapter my/adapter (bbbbbbbbbbbb), adapter_overrides --guidance=2")
+
+
 def test_an_adapter_without_scores_is_told_without() -> None:
     baseline = row("slow", "ddpm", 0, [1, 1, 1, 1])
     baseline["conditions"] |= {"score": None, "alpha": None}
