@@ -32,11 +32,11 @@ def measurement(file: Path) -> str:
     return f"## {found['title']}\n\n```console\n$ {found['command']}\n{found['printed']}\n```"
 
 
-def main() -> None:
+def main(output: Path = DOCS / "results.md") -> None:
     """Write the page."""
     rows = DOCS / "rows"
     sections = [benchmark(path) if path.is_dir() else measurement(path) for path in sorted(rows.iterdir())]
-    (DOCS / "results.md").write_text("\n\n".join([HEAD.strip(), *sections]) + "\n")
+    output.write_text("\n\n".join([HEAD.strip(), *sections]) + "\n")
 
 
 if __name__ == "__main__":
