@@ -19,4 +19,4 @@ def markdown(table: Table) -> str:
 
 
 def _marked(entry: Entry) -> str:
-    return ("{}", "**{}**", "_{}_")[entry.rank].format(entry.text)
+    return ("{}", "**{}**", "_{}_")[entry.rank].format(entry.in_one_line)

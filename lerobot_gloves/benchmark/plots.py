@@ -27,7 +27,8 @@ OTHER_COLOURS = ("#d05050", "#4aa5a5", "#b0902f", "#7d7fd8", "#6fa03c", "#cf6fc4
 COLUMNS_BESIDE = 5
 MOST_METHODS = 12
 """More, as a search has them, could not be told apart."""
-LEFT, EDITED = "#4a90d9", "#e07b1f"
+LEFT, EDITED = "#aab4c2", "#a8323e"
+"""Of chunks; no method has one of these."""
 STYLE: Any = {
     "font.family": "sans-serif",
     "font.size": 9,
@@ -105,8 +106,8 @@ def success_plot(section: Section, *, paper: bool) -> Figure:
 def fidelity_plot(section: Section) -> Figure:
     """Success over distance; the raw agent lies at distance 0, its success is the dashed line."""
     names, perturbations = list(section.methods), list(section.perturbations)
-    columns = min(len(perturbations), COLUMNS_BESIDE)
-    lines = ceil(len(perturbations) / columns)
+    lines = ceil(len(perturbations) / COLUMNS_BESIDE)
+    columns = ceil(len(perturbations) / lines)
     figure = Figure(figsize=(10, 2.6 * lines + 0.4), layout="constrained")
     panels = figure.subplots(lines, columns, squeeze=False, sharey=True).ravel()
     for axes in panels[len(perturbations) :]:
@@ -164,8 +165,8 @@ def _histogram(axes: Axes, result: Result, numbers: range, edges: Sequence[float
     both = [
         share + 100 * result.scores_edited.get(number, 0) / total for number, share in zip(numbers, left, strict=True)
     ]
-    axes.stairs(left, edges, fill=True, color=LEFT, alpha=0.85)
-    axes.stairs(both, edges, baseline=left, fill=True, color=EDITED, alpha=0.85)
+    axes.stairs(left, edges, fill=True, color=LEFT)
+    axes.stairs(both, edges, baseline=left, fill=True, color=EDITED)
     ticks = [10.0**power for power in range(-4, 16, 2)]
     if edges[0] > 0:
         axes.set_xscale("log")

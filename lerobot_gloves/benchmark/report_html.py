@@ -15,18 +15,30 @@ from lerobot_gloves.benchmark.tables import Entry, Table, definitions, facts, he
 
 CSS = """
 :root { color-scheme: light dark;
-  --ink: #1c1e21; --page: #ffffff; --line: #d5d8dc; --best: #cfe3fb; --second: #d5f0dc; }
+  --ink: #1c1e21; --faint: #5c636b; --page: #ffffff; --line: #d5d8dc; --best: #cfe3fb; --second: #d5f0dc; }
 @media (prefers-color-scheme: dark) {
-  :root { --ink: #e4e6e9; --page: #16181b; --line: #3a3e44; --best: #1d4674; --second: #1f5232; }
+  :root { --ink: #e4e6e9; --faint: #a3abb5; --page: #16181b; --line: #3a3e44; --best: #1d4674; --second: #1f5232; }
 }
-body { margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: var(--ink); background: var(--page);
-  font: 15px/1.5 system-ui, sans-serif; }
-figure { margin: 1.5rem 0; } figure svg { width: 100%; height: auto; color: var(--ink); }
-figcaption, caption { text-align: left; padding: .4rem 0; }
-.wide { overflow-x: auto; margin: 1.5rem 0; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 13px; white-space: nowrap; }
-th, td { text-align: left; padding: .3rem .7rem; border-bottom: 1px solid var(--line); }
+body { margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: var(--ink); background: var(--page);
+  font: 15px/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
+ul { padding-left: 1.2rem; font-size: 13px; }
+figure { margin: 2rem 0; } figcaption { padding: .4rem 0; }
+.wide { overflow-x: auto; }
+.wide svg { display: block; width: 100%; min-width: 44rem; height: auto; color: var(--ink); }
+table { border-collapse: separate; border-spacing: 0; font-variant-numeric: tabular-nums; font-size: 13px;
+  line-height: 1.35; white-space: nowrap; overflow-wrap: normal; }
+th, td { text-align: left; vertical-align: top; padding: .35rem; border-bottom: 1px solid var(--line); }
+tr > :first-child { position: sticky; left: 0; min-width: 7.5rem; background: var(--page);
+  white-space: normal; overflow-wrap: break-word; }
+tbody th { font-weight: 400; }
+td small { display: block; font-size: 11px; color: var(--faint); }
 .best { background: var(--best); font-weight: 600; } .second { background: var(--second); }
+.best small, .second small { color: inherit; font-weight: 400; }
+@media (max-width: 75rem) { table { font-size: 12px; } td small { font-size: 10.5px; } th, td { padding: .3rem; } }
+@media (max-width: 40rem) {
+  body { margin: 1rem auto; padding: 0 .75rem; }
+  tr > :first-child { min-width: 6rem; max-width: 6rem; border-right: 1px solid var(--line); }
+}
 """.strip()
 CLASSES = ("", ' class="best"', ' class="second"')
 
@@ -79,18 +91,33 @@ def _section(section: Section, number: int, *, paper: bool) -> str:
 
 def _table(table: Table) -> str:
     def line(entries: Sequence[Entry]) -> str:
-        return "<tr>" + "".join(f"<td{CLASSES[e.rank]}>{escape(e.text)}</td>" for e in entries) + "</tr>"
+        head, *others = entries
+        cells = "".join(f"<td{CLASSES[entry.rank]}>{_broken(entry.text)}</td>" for entry in others)
+        return f'<tr><th scope="row">{_breakable(head.text)}</th>{cells}</tr>'
 
-    head = "".join(f"<th>{escape(name)}</th>" for name in table.header)
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in table.header)
     body = "\n".join(line(entries) for entries in table.lines)
     return (
-        f'<div class="wide"><table>\n<caption>{escape(table.caption)}</caption>\n'
-        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>"
+        f"<figure>\n<figcaption>{escape(table.caption)}</figcaption>\n"
+        f'<div class="wide" tabindex="0"><table aria-label="{escape(table.caption)}">\n'
+        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>\n</figure>"
     )
 
 
+def _breakable(name: str) -> str:
+    """A name with places at which a narrow column may break it: behind the marks of a specification."""
+    return re.sub(r"([:,=])(?=\S)", r"\1<wbr>", escape(name))
+
+
+def _broken(text: str) -> str:
+    """An entry's first line, and the others below it in small type, where nothing needs to hold them together."""
+    first, *others = (escape(line.rstrip(",;")) for line in text.split("\n"))
+    return first + "".join(f"<small>{line}</small>" for line in others)
+
+
 def _figure(caption: str, figure: Figure) -> str:
-    return f"<figure>\n{svg(figure, caption)}\n<figcaption>{escape(caption)}.</figcaption>\n</figure>"
+    drawn = f'<div class="wide" tabindex="0">\n{svg(figure, caption)}\n</div>'
+    return f"<figure>\n{drawn}\n<figcaption>{escape(caption)}.</figcaption>\n</figure>"
 
 
 def svg(figure: Figure, label: str) -> str:

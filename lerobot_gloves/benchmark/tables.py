@@ -19,10 +19,18 @@ type Figures = dict[str, dict[str, Published]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A table's cell: its text, and its rank in its line (1 best, 2 second best, else 0)."""
+    """A table's cell: its text, and its rank in its line (1 best, 2 second best, else 0).
+
+    The text is a line for what matters most, and below it what a narrow column has no room for beside it.
+    """
 
     text: str
     rank: int = 0
+
+    @property
+    def in_one_line(self) -> str:
+        """The whole text."""
+        return self.text.replace("\n", " ")
 
 
 @dataclass(frozen=True)
@@ -115,7 +123,7 @@ def _success_lines(
 
     def played(result: Result) -> str:
         """Says so where a benchmark is not finished."""
-        fewer = f" ({result.seeds} of {section.seeds} seeds)" if result.seeds < section.seeds else ""
+        fewer = f"\n({result.seeds} of {section.seeds} seeds)" if result.seeds < section.seeds else ""
         return text(result) + fewer
 
     lines = []
@@ -172,7 +180,7 @@ def mean_text(result: Result) -> str:
 
 def success_text(result: Result) -> str:
     """The same, and the interval over episodes."""
-    return f"{mean_text(result)} [{100 * result.low:.1f}, {100 * result.high:.1f}]"
+    return f"{mean_text(result)}\n[{100 * result.low:.1f}, {100 * result.high:.1f}]"
 
 
 def difference(found: PairedDifference | None) -> str:
@@ -180,26 +188,26 @@ def difference(found: PairedDifference | None) -> str:
     if found is None:
         return MISSING
     p = f"p = {found.p_value:.3f}" if found.p_value >= 0.001 else "p < 0.001"
-    return f"{100 * found.mean:+.1f} [{100 * found.low:+.1f}, {100 * found.high:+.1f}], {p}"
+    return f"{100 * found.mean:+.1f}\n[{100 * found.low:+.1f}, {100 * found.high:+.1f}],\n{p}"
 
 
 def edits(result: Result) -> str:
     """Intervention rate and distance."""
     if result.intervention is None or result.distance is None:
         return MISSING
-    return f"{100 * result.intervention:.1f} %; {result.distance:.3f}"
+    return f"{100 * result.intervention:.1f} %;\n{result.distance:.3f}"
 
 
 def cost(result: Result) -> str:
     """Milliseconds and evaluations."""
     if result.milliseconds is None or result.evaluations is None:
         return MISSING
-    return f"{result.milliseconds:.2f} ms; {result.evaluations:.1f}"
+    return f"{result.milliseconds:.2f} ms;\n{result.evaluations:.1f}"
 
 
 def failures(result: Result) -> str:
     """Failure kinds with their share of all episodes, in %."""
-    return ", ".join(f"{kind} {100 * n / result.episodes:.1f}" for kind, n in result.failures.items()) or "0"
+    return ",\n".join(f"{kind} {100 * n / result.episodes:.1f}" for kind, n in result.failures.items()) or "0"
 
 
 def headline(section: Section) -> str:

@@ -4,15 +4,27 @@ import re
 import xml.etree.ElementTree as ElementTree
 from copy import deepcopy
 from html.parser import HTMLParser
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 
 from lerobot_gloves.benchmark.histogram import edge
-from lerobot_gloves.benchmark.plots import INK, fidelity_plot, plots, score_plot, success_plot
+from lerobot_gloves.benchmark.paper import COLUMNS
+from lerobot_gloves.benchmark.plots import (
+    COLOURS,
+    EDITED,
+    INK,
+    LEFT,
+    fidelity_plot,
+    plots,
+    score_plot,
+    success_plot,
+)
 from lerobot_gloves.benchmark.report_html import report_html
 from lerobot_gloves.benchmark.statistics import wilson
 from lerobot_gloves.benchmark.summary import Section, summarise
@@ -72,7 +84,7 @@ def test_the_page_is_well_formed(page: str) -> None:
         stack: list[str] = []
 
         def handle_starttag(self, tag: str, attrs: object) -> None:
-            if tag != "meta":
+            if tag not in ("meta", "wbr"):
                 self.stack.append(tag)
 
         def handle_endtag(self, tag: str) -> None:
@@ -92,8 +104,54 @@ def test_the_plots_take_over_the_pages_text_colour(page: str) -> None:
 
 def test_marks_and_names() -> None:
     page = report_html([SCORED[0], labelled(SCORED[1], label="a<b & c")])
-    assert 'class="best">50.0 [' in page
-    assert "<th>a&lt;b &amp; c</th>" in page and "a<b" not in page
+    assert re.search(r'class="best">50.0<small>\[[0-9.]+, [0-9.]+\]</small></td>', page)
+    assert '<th scope="col">a&lt;b &amp; c</th>' in page and "a<b" not in page
+
+
+class Laid(HTMLParser):
+    """What of a page's text stands inside elements that scroll sideways, and what outside."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.depth, self.inside, self.outside = 0, "", ""
+        self.feed(re.sub(r"<(style|svg).*?</\1>", "", page, flags=re.DOTALL))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.depth += tag == "div" and (bool(self.depth) or ("class", "wide") in attrs)
+
+    def handle_endtag(self, tag: str) -> None:
+        self.depth -= tag == "div" and bool(self.depth)
+
+    def handle_data(self, data: str) -> None:
+        if self.depth:
+            self.inside += data
+        else:
+            self.outside += data
+
+
+def test_wide_tables_scroll_below_captions_that_do_not(page: str) -> None:
+    """A caption wraps; the names of the lines stay where they are; every line but an entry's first is small."""
+    laid = Laid(page)
+    for caption in ("Success in %: mean [95 % Wilson", "Success minus the raw agent's", "How episodes failed"):
+        assert caption in laid.outside and caption not in laid.inside
+    assert "feeg+gate" in laid.inside
+    (sticky,) = [rule for rule in re.findall(r"[^{}]+\{[^{}]*\}", page) if "position: sticky" in rule]
+    assert sticky.strip().startswith("tr > :first-child {") and "left: 0" in sticky and "background: var(--" in sticky
+    assert page.count('<th scope="row">') == page.count("<tr>") - page.count("<thead>")
+    assert re.search(r"<td>\+25\.0<small>\[.*?\]</small><small>p = 1\.000</small></td>", page)
+    assert "<td>25.0 %<small>0.500</small></td>" in page
+
+
+def test_no_two_things_have_one_colour() -> None:
+    """Gated methods have their editor's, and are told apart by the marker."""
+
+    def apart(one: str, other: str) -> float:
+        return float(np.linalg.norm(np.subtract(to_rgb(one), to_rgb(other))))
+
+    methods = {colour: name for name, colour in zip(COLUMNS, COLOURS, strict=True)}
+    assert len(methods) == 6
+    everything = [*methods, LEFT, EDITED]
+    assert min(apart(one, other) for one, other in combinations(everything, 2)) > 0.2
 
 
 def test_success_plot_shows_rates_and_intervals() -> None:
