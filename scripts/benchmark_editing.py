@@ -1,8 +1,10 @@
-"""What editing and gating cost beyond the network evaluations that they need, as ratios measured in one run.
+"""What editing and gating cost, all methods side by side and as ratios measured in one run.
 
-FEEG is compared with as many forward and backward passes of the bare network as it has steps; the one-step gate with
-one forward pass. Each pair runs in turn and the median of the pairwise ratios is printed, so that a machine's mood
-cancels.
+First what they cost beyond the network evaluations that they need: FEEG is compared with as many forward and backward
+passes of the bare network as it has steps; the one-step gate with one forward pass. Then every method's evaluations and
+milliseconds, all with networks of the demo's size and random weights, each relative to one forward pass of its network.
+Each pair runs in turn and the median of the pairwise ratios is printed, so that a machine's mood cancels. Looking at
+the observation, once a chunk and alike for all, is left out.
 
     python scripts/benchmark_editing.py
 """
@@ -11,17 +13,28 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
+from torch import Tensor
 
+from lerobot_gloves.benchmark.markdown import markdown_table
 from lerobot_gloves.conformal import ConformalGate
-from lerobot_gloves.editors import FEEG
+from lerobot_gloves.editors import FEEG, FPAS, IFAE
 from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
-from lerobot_gloves.networks import VelocityNetwork
+from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
 from lerobot_gloves.scores import ReverseScore
+from lerobot_gloves.sources import SOURCES
+from lerobot_policy_csa_assist.editor import CSA
+from lerobot_policy_csa_assist.edm import Denoiser, NoiseLevels
+from lerobot_policy_ddpm_assist.configuration_ddpm_assist import DdpmAssistConfig
+from lerobot_policy_ddpm_assist.diffusion import Diffusion, noise_scheduler
+from lerobot_policy_ddpm_assist.editor import DDPM
 
 CHUNK, ACTION, STATE = 10, 2, 16
+DEMO = {"width": 64, "depth": 3, "context_dim": 96}
+"""The size of the demo's pair, and of the baselines beside it."""
 
 
 def seconds(run: Callable[[], object]) -> float:
@@ -39,20 +52,103 @@ def ratio(ours: Callable[[], object], bare: Callable[[], object], repeats: int) 
     return ratios, *(1000 * statistics.median(column) for column in zip(*pairs, strict=True))  # type: ignore[return-value]
 
 
+@dataclass(frozen=True)
+class Method:
+    """A method on a batch of chunks.
+
+    Attributes:
+        run: Does its work once, on the whole batch.
+        fields: The fields that it evaluates; the first one's forward pass is what it is compared with.
+        backward: Backward passes besides.
+    """
+
+    run: Callable[[], object]
+    fields: tuple[BoundVelocity, ...]
+    backward: int = 0
+
+
+def make_network(*, labelled: bool = False, **size: int) -> VelocityNetwork:
+    """A network of random weights everywhere: where its output layers are zero, as at first, passes do less work."""
+    goal = ("source", len(SOURCES)) if labelled else None
+    network = VelocityNetwork(ACTION, states={"state": STATE}, goal=goal, **size).eval().requires_grad_(False)
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.02)
+    return network
+
+
+def methods(batch: int) -> dict[str, Method]:
+    """Every method, with the settings that are best on Slalom or the paper's, on `batch` proposals."""
+    observation, proposal = {"state": torch.randn(batch, STATE)}, torch.randn(batch, CHUNK, ACTION)
+    generators, label = spawn(0, batch), torch.eye(len(SOURCES))
+    aligned = make_network(labelled=True, **DEMO)
+
+    def field() -> BoundVelocity:
+        return make_network(**DEMO).bind(observation)
+
+    def source(name: str) -> BoundVelocity:
+        return aligned.bind({**observation, "source": label[SOURCES.index(name)].expand(batch, -1)})
+
+    def forward(velocity: BoundVelocity) -> Callable[[Tensor, Tensor], Tensor]:
+        """Without what a backward pass would need, so that FEEG makes none."""
+        return torch.no_grad()(velocity.__call__)
+
+    def gate(steps: int) -> Method:
+        velocity, score, decide = field(), ReverseScore(steps), ConformalGate(torch.rand(5000))
+        return Method(torch.no_grad()(lambda: decide.admits(score(velocity, proposal))), (velocity,))
+
+    def ifae(steps: int) -> Method:
+        agent, expert, edit = source("noised"), source("expert"), IFAE(steps=steps)
+        return Method(lambda: edit(proposal, expert, agent, generator=generators), (agent, expert))
+
+    feeg, forwards, backwards, search, noise, student = FEEG(steps=10), field(), field(), field(), field(), field()
+    ddpm = DdpmAssistConfig(device="cpu")
+    schedule = noise_scheduler(ddpm.schedule, ddpm.num_train_steps, ddpm.beta_min, ddpm.beta_max)
+    diffusion, consistency = Diffusion(noise, schedule), Denoiser(student, NoiseLevels(), identity=0.002)
+    return {
+        "FEEG (10 steps), its forward passes alone": Method(
+            lambda: feeg(proposal, forward(forwards), generator=generators), (forwards,)
+        ),
+        "FEEG (10 steps) with its backward passes": Method(
+            lambda: feeg(proposal, backwards, generator=generators), (backwards,), backward=10
+        ),
+        "IFAE (10 steps)": ifae(10),
+        "IFAE (20 steps)": ifae(20),
+        "FPAS (5 iterations of 16)": Method(lambda: FPAS()(proposal, search, generator=generators), (search,)),
+        "DDPM (gamma 0.3)": Method(lambda: DDPM(gamma=0.3)(proposal, diffusion, generators), (noise,)),
+        "CSA": Method(lambda: CSA()(proposal, consistency), (student,)),
+        "one-step gate": gate(1),
+        "five-step gate": gate(5),
+    }
+
+
+def side_by_side(batch: int, repeats: int) -> str:
+    """The table of all methods."""
+    proposal = torch.randn(batch, CHUNK, ACTION)
+    header = ["method", "evaluations a chunk", "milliseconds a chunk", "forward passes"]
+    lines = []
+    for name, method in methods(batch).items():
+        method.run()
+        evaluations = str(sum(field.evaluations for field in method.fields))
+        if method.backward:
+            evaluations += f" + {method.backward} backward"
+        one = method.fields[0]
+        bare = torch.no_grad()(lambda one=one: one(proposal, times(0.5, proposal)))
+        value, ours, _ = ratio(method.run, bare, repeats)
+        lines.append([name, evaluations, f"{ours / batch:.3f}", f"{value:.1f}"])
+    return markdown_table([header, *lines])
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--batch", type=int, default=48, help="environments side by side")
+    parser.add_argument("--batch", type=int, default=30, help="environments side by side")
     parser.add_argument("--steps", type=int, default=10, help="steps of FEEG")
     parser.add_argument("--repeats", type=int, default=30, help="pairs of calls")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(0)
 
-    # The output layers start at zero; random weights everywhere make the passes do real work.
-    network = VelocityNetwork(ACTION, states={"state": STATE}).eval().requires_grad_(False)
-    for parameter in network.parameters():
-        torch.nn.init.normal_(parameter, std=0.02)
+    network = make_network()
     velocity = network.bind({"state": torch.randn(arguments.batch, STATE)})
     proposal = torch.randn(arguments.batch, CHUNK, ACTION)
     generators = spawn(0, arguments.batch)
@@ -81,6 +177,7 @@ def main() -> None:
     print(f"batch {arguments.batch}, one thread, torch {torch.__version__}")
     for name, (value, ours, bare) in rows.items():
         print(f"{name}: {value:.3f}x ({ours:.2f} ms / {bare:.2f} ms)")
+    print(f"\n{side_by_side(arguments.batch, arguments.repeats)}")
 
 
 if __name__ == "__main__":

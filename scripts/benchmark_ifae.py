@@ -11,12 +11,12 @@ machine's mood cancels.
 import argparse
 
 import torch
-from benchmark_editing import ACTION, CHUNK, STATE, ratio
+from benchmark_editing import ACTION, CHUNK, STATE, make_network, ratio
 
 from lerobot_gloves.editors import IFAE
 from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
-from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
+from lerobot_gloves.networks import BoundVelocity
 from lerobot_gloves.sources import SOURCES
 
 
@@ -31,11 +31,7 @@ def main() -> None:
     torch.set_num_threads(1)
     torch.manual_seed(0)
 
-    # The output layers start at zero; random weights everywhere make the passes do real work.
-    network = VelocityNetwork(ACTION, states={"state": STATE}, goal=("source", len(SOURCES)), width=arguments.width)
-    network.eval().requires_grad_(False)
-    for parameter in network.parameters():
-        torch.nn.init.normal_(parameter, std=0.02)
+    network = make_network(labelled=True, width=arguments.width)
     state, label = torch.randn(arguments.batch, STATE), torch.eye(len(SOURCES))
 
     def flow(source: str) -> BoundVelocity:
