@@ -1,12 +1,14 @@
 """The shipped matrices: valid to the last option, though their checkpoints are not here."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import draccus
 import pytest
 from lerobot.policies import get_policy_class
 
 import lerobot_policy_gloves  # noqa: F401, registers the policies
+from lerobot_gloves.benchmark import rows
 from lerobot_gloves.benchmark.cell import Setup, resolve_perturbation
 from lerobot_gloves.benchmark.file import complete
 from lerobot_gloves.benchmark.matrix import cells
@@ -16,7 +18,8 @@ from lerobot_gloves.commands.bench import BenchConfig
 from lerobot_gloves.specification import parse
 
 BASELINES = ("DDPM", "CSA")
-BENCH = Path(__file__).parents[2] / "configs" / "bench"
+ROOT = Path(__file__).parents[2]
+BENCH = ROOT / "configs" / "bench"
 TYPES = {
     "expert_flow": "gloves_expert_flow",
     "align_flow": "gloves_align_flow",
@@ -79,3 +82,27 @@ def test_the_search_gives_no_method_more_than_the_baselines(name: str) -> None:
         other = benchmark.tasks[name].methods[label]
         assert (method.adapter, method.gate, method.options) == (other.adapter, other.gate, other.options)
     assert task.perturbations.items() <= benchmark.tasks[name].perturbations.items()
+
+
+def test_the_published_rows_are_those_of_the_shipped_matrix(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run again beside them, it would find nothing to play; their checkpoints are taken at the rows' word."""
+    folder = ROOT / "docs" / "rows" / "2_slalom"
+    hashes = {
+        row["checkpoints"][role]: row["conditions"][role]
+        for row in rows.read_rows(folder)
+        for role in ("agent", "adapter")
+        if row["checkpoints"][role]
+    }
+
+    def config(option: str, checkpoint: str) -> SimpleNamespace:
+        return SimpleNamespace(type=TYPES.get(Path(checkpoint).parts[2]))
+
+    monkeypatch.setattr(rows, "checkpoint_hash", hashes.__getitem__)
+    for module in ("rows", "cell"):
+        monkeypatch.setattr(f"lerobot_gloves.benchmark.{module}.checkpoint_config", config)
+    monkeypatch.chdir(ROOT)  # which `chosen` is relative to
+    matrix = read("slalom.yaml")
+    shared = {"split": matrix.split, "episodes": matrix.episodes, "batch_size": matrix.batch_size}
+    jobs = rows.plan(cells(matrix.matrix(), matrix.seeds, **shared))
+    assert rows.finished_cells(folder, jobs) == {job.cell for job in jobs}
+    assert len(jobs) == len(rows.read_rows(folder)) == 560
