@@ -41,6 +41,8 @@ class Processes:
 
     def submit(self, job: Job) -> None:
         """Give a cell to an idle process, or to a new one."""
+        # One that died idle shall cost no cell an attempt.
+        self._workers = [worker for worker in self._workers if worker.job is not None or worker.process.is_alive()]
         worker = next((one for one in self._workers if one.job is None), None) or self._begin()
         worker.job = job
         # If it has died since, its silence is heard in `outcomes`.
