@@ -41,8 +41,10 @@ class DemoConfig:
     fpas: str = "fpas:sigma=0.2,align=0.0"
     # Nonconformity score that FPAS searches by, and its options.
     fpas_score: str = "reverse:steps=1"
-    # Options of FEEG, such as feeg:start=0.4.
-    feeg: str = "feeg:start=0.3,align=0.1"
+    # Options of FEEG without gate, such as feeg:start=0.5. All settings are those that validation seeds chose.
+    feeg: str = "feeg:start=0.4,align=0.3"
+    # Options of FEEG where a gate spares what looks like the expert's.
+    gated_feeg: str = "feeg:start=0.3,align=0.1"
     # Nonconformity score of the gate and its options.
     score: str = "reverse:steps=5"
     # The gate's significance level.
@@ -68,6 +70,7 @@ class DemoConfig:
         perturbation_options(self.perturbation)
         parse(self.fpas, {"fpas": FPAS}, "method")
         parse(self.feeg, {"feeg": FEEG}, "method")
+        parse(self.gated_feeg, {"feeg": FEEG}, "method")
         parse(self.score, SCORES, "score")
         parse(self.fpas_score, SCORES, "score")
         if self.episodes < 1:
@@ -138,11 +141,13 @@ def methods(cfg: DemoConfig, expert_flow: Path) -> list[Method]:
     adapter = f"--policy.adapter={expert_flow}"
     fpas = [adapter, f"--policy.score={cfg.fpas_score}", f"--policy.method={cfg.fpas}"]
     feeg = [adapter, f"--policy.score={cfg.score}", f"--policy.method={cfg.feeg}"]
+    gate = ["--policy.gate=true", f"--policy.score={cfg.score}", f"--policy.alpha={cfg.alpha}"]
+    gated = [adapter, f"--policy.method={cfg.gated_feeg}", *gate]
     return [
         Method("raw", "raw agent", recorded=True),
         Method("fpas", "FPAS", fpas),
         Method("feeg", "FEEG", feeg),
-        Method("feeg_gate", "FEEG + gate", [*feeg, "--policy.gate=true", f"--policy.alpha={cfg.alpha}"], recorded=True),
+        Method("feeg_gate", "FEEG + gate", gated, recorded=True),
     ]
 
 

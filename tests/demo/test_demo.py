@@ -46,12 +46,13 @@ def test_the_packaged_expert_flow_is_calibrated_for_the_demo():
 
 
 def test_the_rows_of_the_table():
-    cfg = DemoConfig(fpas="fpas:iterations=2", feeg="feeg:start=0.4", alpha=0.1)
+    cfg = DemoConfig(fpas="fpas:iterations=2", feeg="feeg:start=0.2", gated_feeg="feeg:start=0.6", alpha=0.1)
     raw, fpas, feeg, gated = methods(cfg, Path("flow"))
     assert raw.options == ()
     assert "--policy.adapter=flow" in fpas.options and f"--policy.method={cfg.fpas}" in fpas.options
-    assert set(gated.options) - set(feeg.options) == {"--policy.gate=true", "--policy.alpha=0.1"}
-    assert "--policy.method=feeg:start=0.4" in feeg.options
+    gate = {"--policy.gate=true", "--policy.alpha=0.1"}
+    assert set(gated.options) - set(feeg.options) == {*gate, "--policy.method=feeg:start=0.6"}
+    assert "--policy.method=feeg:start=0.2" in feeg.options
 
 
 @pytest.mark.parametrize(
