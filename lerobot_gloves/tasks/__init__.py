@@ -1,5 +1,5 @@
 """The simulated tasks; importing this makes them known to Gymnasium and LeRobot, and loads no simulator."""
 
-from lerobot_gloves.tasks import can, keypad, slalom
+from lerobot_gloves.tasks import can, charger, keypad, slalom
 
-__all__ = ["can", "keypad", "slalom"]
+__all__ = ["can", "charger", "keypad", "slalom"]

@@ -1,0 +1,163 @@
+"""Charger Plug as a Gymnasium environment."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from lerobot_gloves.tasks.charger import drawing
+from lerobot_gloves.tasks.charger.scene import Scene, is_plugged_in, pose_vector
+from lerobot_gloves.tasks.configuration import check_observation_type
+from lerobot_gloves.tasks.spaces import observation_space
+
+CONTROL_HZ = 20
+CAMERAS = ("wrist",)
+TASK = "Plug the charger into the receptacle."
+
+
+def check_hidden(obs_type: str, hide_receptacle: bool) -> None:
+    """Refuse to hide from pictures what they show.
+
+    Raises:
+        ValueError: If the receptacle shall be hidden where observations are not states.
+    """
+    if hide_receptacle and obs_type != "state":
+        raise ValueError(f"Charger hides the receptacle with obs_type state only, not {obs_type}: pictures show it")
+
+
+class Charger(gym.Env):
+    """Pick up the charger and plug it into the receptacle, with half a millimetre to spare on either side.
+
+    The scene, its draws, the control at 20 Hz and the test of success are those of ManiSkill's PlugCharger-v1.
+    `reset(seed=s)` gives what ManiSkill gives for seed s; nothing else is random, and what was played before does not
+    matter.
+
+    An action (8,) in [-1, 1] moves each of the 7 joints from where it is by its entry times 0.1 rad; the last entry is
+    the opening of the fingers, 1 for wide open, -1 for pressed together.
+
+    Observations:
+        agent_pos: (25,) positions of the joints (rad) and the two fingers (metres), their velocities (a second), and
+            the pose of the tool, which is the point between the finger tips.
+        environment_state: (14,) pose of the charger, pose of the receptacle; with obs_type "state" or `privileged`.
+            (7,) without the receptacle if that is hidden.
+        pixels: {"wrist": (image_size, image_size, 3) uint8}; only with obs_type "pixels_agent_pos".
+        goal: (14,) pose of the receptacle, and the pose that the charger shall have.
+
+    A pose is a position (metres) and a quaternion (w, x, y, z), the tool's with x >= 0, the receptacle's with z >= 0,
+    the others' with w >= 0.
+
+    Every `info` holds `is_success` (the charger is within 5 mm and 0.2 rad of the goal) and `failure`: "" or, at the
+    end of time, "timeout". The reward is 1 at success, else 0.
+
+    Args:
+        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`; pixels need a Vulkan driver.
+        image_size: Height and width of observed and rendered frames, in pixels.
+        episode_length: Control steps until a timeout.
+        hide_receptacle: Whether `environment_state` leaves the receptacle out.
+        privileged: Whether `environment_state` comes even beside pixels, for a scripted expert.
+        render_mode: Only "rgb_array".
+
+    Raises:
+        ValueError: If the observation type is unknown, or pictures shall hide the receptacle.
+        RuntimeError: If pixels are asked for and no Vulkan driver can draw them.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+
+    def __init__(
+        self,
+        *,
+        obs_type: str = "state",
+        image_size: int = 256,
+        episode_length: int = 300,
+        hide_receptacle: bool = False,
+        privileged: bool = False,
+        render_mode: str = "rgb_array",
+    ) -> None:
+        check_observation_type("Charger", obs_type)
+        check_hidden(obs_type, hide_receptacle)
+        self.render_mode = render_mode
+        self._image_size, self._hide_receptacle = image_size, hide_receptacle
+        self._sees_scene, self._sees_pixels = obs_type == "state" or privileged, obs_type != "state"
+        self._max_episode_steps = episode_length
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (8,), np.float32)
+        self.observation_space = observation_space(
+            state=25,
+            goal=14,
+            goal_range=(-np.inf, np.inf),
+            scene=(7 if hide_receptacle else 14) if self._sees_scene else None,
+            cameras=CAMERAS if self._sees_pixels else (),
+            image_size=image_size,
+        )
+        self._scene = Scene()
+        self._begin(0)
+
+    @property
+    def task_description(self) -> str:
+        """The instruction, the same in every episode."""
+        return TASK
+
+    @property
+    def task(self) -> str:
+        """The same, under the other name that LeRobot asks for."""
+        return TASK
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Chooses where arm, charger and receptacle are; None draws them.
+            options: Ignored.
+        """
+        super().reset(seed=seed)
+        self._begin(int(self.np_random.integers(2**31)) if seed is None else seed)
+        return self._observation(), {"is_success": False, "failure": ""}
+
+    def _begin(self, seed: int) -> None:
+        self._steps = 0
+        self._scene.reset(seed)
+        self._receptacle = pose_vector(self._scene.receptacle, 3)
+        self._goal = np.concatenate([self._receptacle, pose_vector(self._scene.goal, 0)]).astype(np.float32)
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Simulate one twentieth of a second.
+
+        Args:
+            action: (8,), clipped to [-1, 1].
+
+        Raises:
+            ValueError: If the action is not eight finite numbers.
+        """
+        action = np.asarray(action, dtype=np.float32)
+        if action.shape != (8,) or not np.isfinite(action).all():
+            raise ValueError(f"a Charger action is eight finite numbers, not {action.tolist()}")
+        self._scene.step(action.clip(-1.0, 1.0))
+        self._steps += 1
+        success = is_plugged_in(self._scene.charger, self._scene.goal)
+        truncated = not success and self._steps >= self._max_episode_steps
+        info = {"is_success": success, "failure": "timeout" if truncated else ""}
+        return self._observation(), float(success), success, truncated, info
+
+    def _observation(self) -> dict[str, Any]:
+        scene = self._scene
+        state = np.concatenate([scene.joint_positions, scene.joint_velocities, pose_vector(scene.tool, 1)])
+        observation: dict[str, Any] = {"agent_pos": state.astype(np.float32), "goal": self._goal.copy()}
+        if self._sees_scene:
+            charger = pose_vector(scene.charger, 0)
+            seen = charger if self._hide_receptacle else np.concatenate([charger, self._receptacle])
+            observation["environment_state"] = seen.astype(np.float32)
+        if self._sees_pixels:
+            observation["pixels"] = {"wrist": self._draw("wrist")}
+        return observation
+
+    def _draw(self, camera: str) -> np.ndarray:
+        return drawing.draw(self._scene, camera, self._image_size)
+
+    def render(self) -> np.ndarray:
+        """The third-person camera's frame (image_size, image_size, 3), uint8 RGB; black without a Vulkan driver."""
+        if not self._sees_pixels and drawing.missing_driver():
+            # LeRobot's commands film whatever they evaluate, and states need no driver.
+            return drawing.blank(self._image_size)
+        return self._draw("third_person")

@@ -1,0 +1,151 @@
+"""A scripted person who plugs the charger in, never twice alike."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lerobot_gloves.tasks.charger.kinematics import joint_step
+from lerobot_gloves.tasks.charger.scene import BODY_SIZE, MAX_DELTA, PEG_LENGTH, turn_of
+
+if TYPE_CHECKING:
+    import sapien
+
+OPEN, HELD, EMPTY = 0.070, 0.033, 0.020
+"""Distances of the fingers, metres: above the first they are open, between the others they hold the charger."""
+CLEAR = -0.11
+"""Farthest back (x) that the tool goes to get clear of the receptacle, metres."""
+STRAIGHT, CENTRED = 0.012, 0.0008
+"""Turn (rad) and distance from the holes' axis (metres) of a charger that is about to be pushed in."""
+SLOW = 0.010
+"""How far ahead of the tool its target is while the pegs go in, metres."""
+TURN = 8.0
+"""By how much farther ahead it is in orientation, rad a metre."""
+
+
+class ChargerExpert:
+    """Opens the hand above the charger, lowers it, grips, carries, aligns the pegs with the holes and pushes them in.
+
+    What comes next is decided anew in every step from what is observed, and no step is counted: a charger that is lost
+    is picked up again, and pegs that meet the receptacle beside its holes are taken back. What differs between
+    episodes: where and how steeply the charger is gripped, from which height, how far before the receptacle it is
+    aligned, the bow of the way there, the speed and how it drifts.
+
+    While it demonstrates, the robot is jostled: the joints drift, slowly now one way and now another, and in half of
+    the episodes they jitter, the less the closer the pegs are to the holes. What is recorded is what the expert wanted
+    to do (as in DART, Laskey et al. 2017). The fingers are left alone.
+
+    Args:
+        rng: Source of all draws.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+
+    def reset(self, mode: str) -> None:
+        """Begin an episode.
+
+        Args:
+            mode: The instruction; there is only one.
+        """
+        rng = self._rng
+        pitch = rng.uniform(0.18, 0.34)  # leans the hand away from the receptacle
+        along, up = rng.uniform(-0.004, 0.003), rng.uniform(-0.001, 0.003)
+        # The tool that grips, seen from the charger: it points down, the fingers move along y.
+        self._grip = _pose([along - BODY_SIZE[0] / 2, 0.0, up], [0.0, np.cos(pitch / 2), 0.0, np.sin(pitch / 2)])
+        self._hover = rng.uniform(0.035, 0.06)
+        self._standoff = rng.uniform(0.022, 0.034)  # of a charger that is not yet aligned, from the goal
+        # By which share of the distance the way to the receptacle sets out sideways (y) and upward (z).
+        self._bow = np.array([0.0, rng.normal(0.0, 0.2), rng.uniform(0.0, 0.3)])
+        self._speed = rng.uniform(0.024, 0.032)  # how far ahead of the tool its target is: it gets a third of it a step
+        self._haste = 0.0  # logarithm of the speed's drift
+        self._drift = np.zeros(7)  # what carries the joints off
+        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.01, 0.04)
+        self._care = 1.0  # share of the jostling that reaches the robot
+
+    def act(self, observation: Mapping[str, Any]) -> np.ndarray:
+        """The next action.
+
+        Args:
+            observation: Needs `agent_pos` (25,), `goal` (14,) and, in `environment_state`, the charger's pose in the
+                first seven.
+
+        Returns:
+            (8,) float32 in [-1, 1].
+        """
+        state = np.asarray(observation["agent_pos"], dtype=np.float64)
+        tool, goal = _read(state[18:25]), _read(observation["goal"][7:14])
+        charger = _read(observation["environment_state"][:7])
+        self._haste += -self._haste / 25 + 0.02 * self._rng.standard_normal()
+        self._care = 1.0
+
+        fingers, speed = state[7] + state[8], self._speed
+        off = (charger * self._grip).inv() * tool  # the tool seen from where it shall grip
+        distance, turn = _length(off.p), _length(turn_of(off.q))
+        around = distance < 0.013 and turn < 0.35
+        if around and EMPTY < fingers < HELD:
+            opening = -1.0
+            carried, speed = self._carried(charger, goal)
+            target = carried * (charger.inv() * tool)
+        elif around and (fingers < OPEN or (distance < 0.004 and turn < 0.05)):
+            opening, target = -1.0, charger * self._grip
+        else:
+            opening, target = 1.0, self._above(tool, charger, goal)
+        way, haste = tool.inv() * target, np.exp(self._haste)
+        move, rotation = _shortened(way.p, speed * haste), _shortened(turn_of(way.q), TURN * self._speed * haste)
+        joints = joint_step(state[:9], np.concatenate([move, rotation])) / MAX_DELTA
+        joints /= max(1.0, float(np.abs(joints).max()))
+        return np.array([*joints, opening], dtype=np.float32)
+
+    def _above(self, tool: "sapien.Pose", charger: "sapien.Pose", goal: "sapien.Pose") -> "sapien.Pose":
+        """Where the tool shall go in order to get around the charger: over it first, then down."""
+        grip = charger * self._grip
+        off = grip.inv() * tool
+        aside = _length(off.p[:2]) + 0.1 * _length(turn_of(off.q))
+        height = self._hover * np.clip((aside - 0.006) / 0.01, 0.0, 1.0)
+        x, y, z = (grip * _pose([0.0, 0.0, -height])).p
+        # Beside the receptacle it first goes back, and it comes down only where it is before it or over the charger.
+        retreat = np.clip(abs(y - tool.p[1]) - 0.02, 0.0, max(0.0, x - CLEAR))
+        before = -float((goal.inv() * tool).p[0])
+        stay = np.clip((0.09 - before) / 0.04, 0.0, 1.0) * np.clip((aside - 0.02) / 0.03, 0.0, 1.0)
+        return _pose([x - retreat, y, z + stay * max(0.0, tool.p[2] - z)], grip.q)
+
+    def _carried(self, charger: "sapien.Pose", goal: "sapien.Pose") -> tuple["sapien.Pose", float]:
+        """Where the charger shall go, and how far ahead of the tool its target may be, metres."""
+        error = goal.inv() * charger
+        away = _length(error.p)
+        self._care = float(np.clip((away - 0.04) / 0.1, 0.04, 1.0))
+        crooked = max(_length(error.p[1:]) / CENTRED, _length(turn_of(error.q)) / STRAIGHT)
+        if error.p[0] > -PEG_LENGTH and crooked < 2.0:  # the pegs are in the holes, which hold them straight
+            return goal, SLOW
+        before = self._standoff * np.clip(crooked - 0.4, 0.0, 1.0)
+        aim = np.array([-before, 0.0, 0.0]) + self._bow * max(0.0, away - 0.06)
+        return goal * _pose(aim), SLOW + (self._speed - SLOW) * float(np.clip(away / 0.03 - 1.0, 0.0, 1.0))
+
+    def disturb(self, action: np.ndarray) -> np.ndarray:
+        """What reaches the robot in place of the expert's action (8,) while it is jostled, (8,) float32."""
+        rng = self._rng
+        self._drift += -self._drift / 30 + 0.01 * rng.standard_normal(7)
+        disturbed = action.copy()
+        disturbed[:7] += self._care * (self._jitter * rng.standard_normal(7) + self._drift)
+        return np.clip(disturbed, -1.0, 1.0).astype(np.float32)
+
+
+def _pose(position: Any, quaternion: Any = (1.0, 0.0, 0.0, 0.0)) -> "sapien.Pose":
+    import sapien
+
+    return sapien.Pose(position, quaternion)
+
+
+def _read(vector: np.ndarray) -> "sapien.Pose":
+    """A pose from its vector (7,)."""
+    return _pose(vector[:3], vector[3:])
+
+
+def _length(vector: np.ndarray) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def _shortened(vector: np.ndarray, length: float) -> np.ndarray:
+    """A vector, shortened to a length where it is longer."""
+    return np.asarray(vector, dtype=np.float64) * min(1.0, length / max(_length(vector), 1e-9))
