@@ -46,7 +46,7 @@ def check(setup: Setup, method: str) -> None:
         assert setup.score is None and not method.endswith("+gate")
 
 
-TASKS = {"slalom": 30, "keypad": 30, "can": 32}
+TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
 """Episodes of a seed in the paper."""
 
 

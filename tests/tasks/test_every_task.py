@@ -17,6 +17,7 @@ TASKS = {
     "gloves_slalom": ("two", {"2 0 0": "'2 0 0': give three gaps as in '0 2 3'", "023": "'023'"}),
     "gloves_keypad": ("three", {"4 0 9": "'4 0 9': give three buttons as in '4 0 8'", "4": "no code '4'"}),
     "gloves_can": ("seven", {"left": "'left': choose one of top left, top right, bottom left, bottom right"}),
+    "gloves_charger": ("eight", {}),
 }
 """How many numbers an action is, and wrong modes with what is said of them."""
 
