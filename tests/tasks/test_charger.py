@@ -116,15 +116,14 @@ def test_same_seed_and_actions_give_the_same_episode_whatever_was_played_before(
         assert np.array_equal(play(other, seed), expected[seed])
 
 
-def test_environments_in_one_process_do_not_touch_each_other():
-    alone = play(Charger(), 3)
-    ours, others = Charger(), Charger()
-    observation, _ = ours.reset(seed=3)
-    others.reset(seed=4)
+def test_environments_in_one_process_do_not_touch_each_other(env):
+    alone, other = play(env, 3), Charger()
+    observation, _ = env.reset(seed=3)
+    other.reset(seed=4)
     for action, before in zip(actions(3), alone, strict=False):
         assert np.array_equal(observation["agent_pos"], before[:25])
-        observation, *_ = ours.step(action)
-        others.step(-action)
+        observation, *_ = env.step(action)
+        other.step(-action)
 
 
 def test_global_random_generators_are_left_alone(env):
@@ -196,8 +195,7 @@ def test_a_seed_chooses_where_everything_is(env):
         assert pose[:, entry].min() > 0.8
 
 
-def test_without_a_seed_poses_are_drawn():
-    env = Charger()
+def test_without_a_seed_poses_are_drawn(env):
     env.reset(seed=5)
     drawn = [env.reset()[0]["goal"].tolist() for _ in range(3)]
     env.reset(seed=5)
@@ -222,10 +220,9 @@ def test_the_receptacle_can_be_hidden_from_whoever_does_not_know_the_goal(env):
             make(obs_type="pixels_agent_pos", hide_receptacle=True)
 
 
-@pytest.mark.parametrize("use_async", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_lerobot_makes_vector_environments(use_async):
+def test_lerobot_makes_vector_environments():
     config = ChargerEnv()
-    env = make_env(config, n_envs=2, use_async_envs=use_async)["gloves_charger"][0]
+    env = make_env(config, n_envs=2, use_async_envs=False)["gloves_charger"][0]
     try:
         observation, _ = env.reset(seed=[20000, 20001])
         assert env.call("_max_episode_steps") == (300, 300)

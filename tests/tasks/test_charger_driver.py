@@ -28,7 +28,8 @@ print(hashlib.sha256(np.concatenate(seen)).hexdigest())
 with warnings.catch_warnings(record=True) as said:
     warnings.simplefilter("always")
     frames = [env.render() for _ in range(2)]
-print([(frame.shape, frame.max()) for frame in frames], [str(warning.message) for warning in said])
+assert [(frame.shape, frame.max()) for frame in frames] == [((32, 32, 3), 0)] * 2
+print(*(warning.message for warning in said))
 try:
     Charger(obs_type="pixels_agent_pos").reset(seed=0)
 except RuntimeError as error:
@@ -50,7 +51,6 @@ def test_states_need_no_driver_pictures_say_which_and_two_processes_play_alike()
     there, rendered, refused = done.stdout.splitlines()
     assert done.stderr == ""
     assert there == digest
-    assert rendered.startswith("[((32, 32, 3), np.uint8(0)), ((32, 32, 3), np.uint8(0))] ['frames are black: ")
-    assert rendered.count("frames are black") == 1
+    assert rendered.startswith("frames are black: ") and rendered.count("frames are black") == 1
     for line in (rendered, refused):
         assert "needs a Vulkan driver" in line and "apt-get install mesa-vulkan-drivers" in line
