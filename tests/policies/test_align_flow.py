@@ -18,8 +18,18 @@ from lerobot_gloves.commands.calibrate import calibrate as calibrate_command
 from lerobot_gloves.editors import FEEG, IFAE
 from lerobot_gloves.sources import SOURCES, agent_task
 from lerobot_policy_gloves.gloves_align_flow.configuration_gloves_align_flow import LABEL
-from tests.builders import features, load, make_config, make_policy, observation, save_policy, wrap, write_dataset
-from tests.policies.test_training_command import LAST, options
+from tests.builders import (
+    features,
+    load,
+    make_config,
+    make_policy,
+    observation,
+    save_policy,
+    training_options,
+    wrap,
+    write_dataset,
+)
+from tests.policies.test_training_command import LAST
 
 T = 6
 """Chunk size."""
@@ -269,7 +279,7 @@ def test_the_wrapper_chooses_the_agents_source_by_the_adapters_own_option(checkp
 
 def test_data_without_an_agent_is_one_clear_line(tmp_path, typed):
     write_dataset(tmp_path / "data")
-    typed(*options(tmp_path / "data", tmp_path / "run", "gloves_align_flow"))
+    typed(*training_options("gloves_align_flow", tmp_path / "data", tmp_path / "run"))
     with pytest.raises(
         ValueError, match="holds the expert's chunks alone: record an agent's by gloves record"
     ) as error:
@@ -285,7 +295,7 @@ def test_proposals_of_another_length_are_one_clear_line(merged):
 
 @pytest.mark.slow
 def test_lerobot_train_and_gloves_calibrate_take_the_merged_data(merged, tmp_path, typed):
-    typed(*options(merged.root, tmp_path / "run", "gloves_align_flow"), "--steps=20", "--save_freq=20")
+    typed(*training_options("gloves_align_flow", merged.root, tmp_path / "run", steps=20), "--save_freq=20")
     train()
     folder = tmp_path / "run" / LAST / "pretrained_model"
     policy, _ = load(folder)
