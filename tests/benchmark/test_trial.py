@@ -45,7 +45,7 @@ def said(method: str, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ("adapter", "editor: ifae", "ifae needs the agent's flow besides the expert's: take a gloves_align_flow"),
         # Whatever the gate would let pass.
         ("adapter", "editor: ifae, gate: true, alpha: 0.001", "ifae needs the agent's flow besides the expert's: take"),
-        ("uncalibrated", "editor: fpas", "fpas searches below the gate's threshold: calibrate the adapter (gloves ca"),
+        ("uncalibrated", "editor: fpas", "fpas needs a calibration, and "),
         ("uncalibrated", "editor: feeg, gate: true", "the gate needs a calibration, and "),
         (
             "align_flow",

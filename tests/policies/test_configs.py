@@ -7,7 +7,7 @@ from lerobot.configs import parser
 from lerobot.configs.train import TrainPipelineConfig
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-TASKS = ("slalom", "keypad", "can")
+TASKS = ("slalom", "keypad", "can", "charger")
 TYPES = {
     "agent": "gloves_flow_policy",
     "expert_flow": "gloves_expert_flow",

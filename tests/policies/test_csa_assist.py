@@ -191,7 +191,7 @@ def test_distilling_teaches_to_leap_where_the_teacher_walks(tmp_path):
     student.reset()
     student._episodes._next = 0
     after = (student.predict_action_chunk(data) - walked).square().mean().sqrt()
-    assert before > 0.8 * walked.std() and after < 0.5 * before
+    assert before > 0.7 * walked.std() and after < 0.5 * before
 
 
 # --- Acting ---

@@ -121,7 +121,7 @@ def test_far_above_the_smallest_sigma_it_is_the_denoiser_that_it_starts_from():
 def test_for_actions_of_the_expected_scale_the_best_network_is_zero_and_its_loss_is_one(constant):
     """m = 0 and v = sigma_data make D = c_skip x; lambda var[action | x] and lambda c_out^2 are 1 at every sigma."""
     noise = NoiseLevels(sigma_data=0.7)
-    action = 0.7 * torch.randn((4000, 3, 2), generator=seeded(0), dtype=torch.float64)
+    action = 0.7 * torch.randn((16000, 3, 2), generator=seeded(0), dtype=torch.float64)
     output = torch.tensor(constant, dtype=torch.float64, requires_grad=True)
     loss = edm_loss(Denoiser(lambda x, t: output.expand_as(x), noise), action, samples=4, generator=seeded(1)).mean()
     (gradient,) = torch.autograd.grad(loss, output)

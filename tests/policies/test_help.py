@@ -12,7 +12,7 @@ from lerobot_gloves.perturbations import PERTURBATIONS
 from lerobot_policy_gloves.gloves.configuration_gloves import PerturbationConfig
 
 POLICIES = ["gloves", "gloves_expert_flow", "gloves_flow_policy", "gloves_align_flow", "ddpm_assist", "csa_assist"]
-TASKS = ["gloves_slalom", "gloves_keypad", "gloves_can"]
+TASKS = ["gloves_slalom", "gloves_keypad", "gloves_can", "gloves_charger"]
 LEROBOTS = {field.name for field in dataclasses.fields(EnvConfig)} - {"task", "fps"}
 
 

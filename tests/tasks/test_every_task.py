@@ -65,7 +65,7 @@ def test_unknown_options_are_refused_with_the_valid_ones(name):
         type(known)(fps=30)
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", sorted(TASKS.keys() - {"gloves_charger"}))  # which stands on ManiSkill
 def test_a_missing_or_unusable_simulator_is_one_line_with_the_tasks_own_extra(name, monkeypatch):
     extra = name.removeprefix("gloves_")
     assert extra in metadata("lerobot_policy_gloves").get_all("Provides-Extra")
