@@ -25,17 +25,18 @@ RECEPTACLE = [f"receptacle_{name}" for name in POSE]
 class ChargerEnv(TaskEnv):
     """Charger Plug's options; `environment.Charger` says what they mean.
 
-    Attributes:
-        hide_receptacle: Leave the receptacle out of `observation.environment_state`: the ablation in which only the
-            goal, hence only the agent, says where it is.
-
     Raises:
         ValueError: If the observation type or rate is not one that exists, or pictures shall hide the receptacle.
     """
 
+    # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Charger-v0"
+    # Control rate, in steps a second; fixed.
     fps: int = CONTROL_HZ
+    # Control steps until a timeout.
     episode_length: int = 300
+    # Leave the receptacle out of observation.environment_state: the ablation in which only the goal, hence only the
+    # agent, says where it is.
     hide_receptacle: bool = False
     modes: ClassVar[tuple[str, ...]] = (TASK,)
     cameras: ClassVar[tuple[str, ...]] = CAMERAS
