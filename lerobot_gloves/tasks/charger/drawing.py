@@ -19,17 +19,24 @@ DRIVERS = (
 
 
 @cache
-def missing_driver() -> str:
-    """What is wrong, in one line, if SAPIEN finds no Vulkan driver that it can draw with; else ""."""
+def _device() -> str:
+    """What draws, as ManiSkill calls it: the CUDA GPU, else what Vulkan calls a CPU; "" if neither can."""
     import_plug_charger()
     import sapien
 
     sapien.render.set_log_level("off")  # its own words take three lines
-    try:
-        sapien.render.RenderMaterial()
-    except RuntimeError as error:
-        return f"drawing Charger's pictures needs a Vulkan driver ({error}): {DRIVERS}"
+    for device in ("cuda", "cpu"):
+        try:
+            sapien.render.RenderSystem(sapien.Device(device))
+        except RuntimeError:
+            continue
+        return device
     return ""
+
+
+def missing_driver() -> str:
+    """What is wrong, in one line, if SAPIEN finds no Vulkan driver that it can draw with; else ""."""
+    return "" if _device() else f"drawing Charger's pictures needs a Vulkan driver that SAPIEN can use: {DRIVERS}"
 
 
 @cache
@@ -85,14 +92,3 @@ class _FrameRenderer:
         self._cameras[camera].capture()
         images = self._cameras[camera].get_obs(rgb=True, depth=False, position=False, segmentation=False)
         return images["rgb"][0].numpy()
-
-
-def _device() -> str:
-    """What draws, as ManiSkill calls it: the CUDA GPU, or else whatever Vulkan calls a CPU."""
-    import sapien
-
-    try:
-        sapien.Device("cuda")
-    except RuntimeError:
-        return "cpu"
-    return "cuda"
