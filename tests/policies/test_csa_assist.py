@@ -170,7 +170,7 @@ def test_what_a_student_copies_drops_nothing(tmp_path):
 def test_distilling_teaches_to_leap_where_the_teacher_walks(tmp_path):
     torch.manual_seed(0)
     settings = {"dropout": 0.0, "ema_decay": 0.9, "optimizer_lr": 5e-3, "samples_per_item": 4}
-    settings |= {"levels": 20, "num_inference_steps": 19}
+    settings |= {"levels": 20, "num_inference_steps": 19, "p_mean": -1.2}
     teacher, data = make_csa(**settings), data_of(32)
 
     def learn(policy: PreTrainedPolicy, steps: int) -> None:
@@ -191,7 +191,7 @@ def test_distilling_teaches_to_leap_where_the_teacher_walks(tmp_path):
     student.reset()
     student._episodes._next = 0
     after = (student.predict_action_chunk(data) - walked).square().mean().sqrt()
-    assert before > 0.7 * walked.std() and after < 0.5 * before
+    assert before > 0.8 * walked.std() and after < 0.5 * before
 
 
 # --- Acting ---
