@@ -1,6 +1,7 @@
 """What holds for every task's environment alike."""
 
 import importlib
+import subprocess
 import sys
 from importlib.metadata import metadata
 
@@ -28,6 +29,20 @@ def config(name: str) -> TaskEnv:
 
 def test_no_task_is_left_out():
     assert TASKS.keys() == {name for name in EnvConfig.get_known_choices() if name.startswith("gloves_")}
+
+
+def test_the_plugin_knows_every_task_where_no_extra_is_installed():
+    extras = ["mujoco", "robosuite", "scipy", "fast_simplification", "mani_skill", "sapien", "diffusers", "ray"]
+    program = f"""
+import sys
+sys.modules |= dict.fromkeys({extras})
+import lerobot_policy_gloves
+from lerobot.envs import EnvConfig
+print(*sorted(name for name in EnvConfig.get_known_choices() if name.startswith("gloves_")))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == sorted(TASKS)
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -8,7 +8,6 @@ MuJoCo directly: a control step takes a fraction of the time, and nothing but `O
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from lerobot_gloves.tasks.can.scene import ARM, FINGERS, GRIP_SITE
 from lerobot_gloves.tasks.panda import import_mujoco
@@ -35,7 +34,9 @@ class OperationalSpaceControl:
     """
 
     def __init__(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
-        self._mujoco = import_mujoco()
+        from scipy.linalg.lapack import dposv  # the plugin loads without the extra, too
+
+        self._mujoco, self._dposv = import_mujoco(), dposv
         self._model, self._data = model, data
         self._site = model.site(GRIP_SITE).id
         self._lowest, self._highest = model.actuator_ctrlrange[ARM].T
@@ -86,17 +87,19 @@ class OperationalSpaceControl:
         wanted = STIFFNESS * error - DAMPING * (jacobian @ velocity)
 
         posture = POSTURE_STIFFNESS * (self._posture - data.qpos[ARM]) - POSTURE_DAMPING * velocity
-        mobility = jacobian @ _solve(inertia, jacobian.T)  # inverse of the inertia that the hand feels
-        force = -_solve(mobility, jacobian @ posture)  # what keeps the posture out of the hand's way
-        force[:3] += _solve(mobility[:3, :3], wanted[:3])
-        force[3:] += _solve(mobility[3:, 3:], wanted[3:])
+        mobility = jacobian @ self._solve(inertia, jacobian.T)  # inverse of the inertia that the hand feels
+        force = -self._solve(mobility, jacobian @ posture)  # what keeps the posture out of the hand's way
+        force[:3] += self._solve(mobility[:3, :3], wanted[:3])
+        force[3:] += self._solve(mobility[3:, 3:], wanted[3:])
         torques = jacobian.T @ force + inertia @ posture + data.qfrc_bias[ARM]
         data.ctrl[ARM] = np.clip(torques, self._lowest, self._highest)
 
+    def _solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Solution of matrix x = right for a symmetric, positive definite matrix (n, n) and right (n,) or (n, m).
 
-def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of matrix x = right for a symmetric, positive definite matrix (n, n) and right (n,) or (n, m).
-
-    Straight from LAPACK: 25 times a control step, what `numpy.linalg.solve` checks first takes longer than the solving.
-    """
-    return dposv(matrix, right)[1]
+        25 times a control step, what `numpy.linalg.solve` checks first takes longer than the solving.
+        """
+        _, solution, fault = self._dposv(matrix, right)
+        if fault:
+            raise np.linalg.LinAlgError(f"LAPACK's dposv refuses a matrix of the arm's dynamics ({fault})")
+        return solution
