@@ -16,6 +16,11 @@ import torch
 torch.set_num_threads(1)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Slow tests go first, so that no worker is left alone with one while the others have nothing to do."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
 @pytest.fixture
 def typed(monkeypatch) -> Iterator[Callable[..., None]]:
     """Makes its arguments what was typed after a command's name."""
