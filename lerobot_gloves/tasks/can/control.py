@@ -44,11 +44,16 @@ class OperationalSpaceControl:
         self._finger_reach = np.array([-1.0, 1.0]) * np.ptp(model.actuator_ctrlrange[FINGERS], axis=1) / 2
         self._jacobian = np.zeros((6, model.nv))
         self._inertia = np.zeros((model.nv, model.nv))
+        # What is read and written in every physics step, looked up once: views that MuJoCo keeps current.
+        self._angles, self._velocity, self._bias = data.qpos[ARM], data.qvel[ARM], data.qfrc_bias[ARM]
+        self._torques = data.ctrl[ARM]
+        self._place, self._axes = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
+        self._arm_jacobian, self._arm_inertia = self._jacobian[:, ARM], self._inertia[ARM, ARM]
         self.reset()
 
     def reset(self) -> None:
         """Begin an episode; the arm's joint angles become the posture it prefers."""
-        self._posture = self._data.qpos[ARM].copy()
+        self._posture = self._angles.copy()
         self._closing = 0.0  # -1 open, 1 closed
 
     def set_goal(self, action: np.ndarray) -> None:
@@ -64,35 +69,33 @@ class OperationalSpaceControl:
         else:
             turn[0] = 1.0
         self._mujoco.mju_quat2Mat(rotation, turn)
-        self._goal = self._data.site_xpos[self._site] + delta[:3]
-        self._goal_axes = rotation.reshape(3, 3) @ self._data.site_xmat[self._site].reshape(3, 3)
+        self._goal = self._place + delta[:3]
+        self._goal_axes = rotation.reshape(3, 3) @ self._axes
         self._closing = float(np.clip(self._closing + FINGER_STEP * np.sign(action[6]), -1.0, 1.0))
         self._data.ctrl[FINGERS] = self._finger_middle + self._closing * self._finger_reach
 
     def apply(self) -> None:
         """Write the arm's torques for one physics step, between `mj_step1` and `mj_step2`."""
-        mujoco, model, data = self._mujoco, self._model, self._data
-        mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], self._site)
-        mujoco.mj_fullM(model, self._inertia, data.qM)
-        jacobian, inertia = self._jacobian[:, ARM], self._inertia[ARM, ARM]
-        velocity = data.qvel[ARM]
+        self._mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._site)
+        self._mujoco.mj_fullM(self._model, self._inertia, self._data.qM)
+        jacobian, inertia, velocity = self._arm_jacobian, self._arm_inertia, self._velocity
 
         # Half the sum of the axes' cross products with those of the goal.
-        turned = self._goal_axes @ data.site_xmat[self._site].reshape(3, 3).T
+        turned = self._goal_axes @ self._axes.T
         error = np.empty(6)
-        error[:3] = self._goal - data.site_xpos[self._site]
+        error[:3] = self._goal - self._place
         error[3] = 0.5 * (turned[2, 1] - turned[1, 2])
         error[4] = 0.5 * (turned[0, 2] - turned[2, 0])
         error[5] = 0.5 * (turned[1, 0] - turned[0, 1])
         wanted = STIFFNESS * error - DAMPING * (jacobian @ velocity)
 
-        posture = POSTURE_STIFFNESS * (self._posture - data.qpos[ARM]) - POSTURE_DAMPING * velocity
+        posture = POSTURE_STIFFNESS * (self._posture - self._angles) - POSTURE_DAMPING * velocity
         mobility = jacobian @ self._solve(inertia, jacobian.T)  # inverse of the inertia that the hand feels
         force = -self._solve(mobility, jacobian @ posture)  # what keeps the posture out of the hand's way
         force[:3] += self._solve(mobility[:3, :3], wanted[:3])
         force[3:] += self._solve(mobility[3:, 3:], wanted[3:])
-        torques = jacobian.T @ force + inertia @ posture + data.qfrc_bias[ARM]
-        data.ctrl[ARM] = np.clip(torques, self._lowest, self._highest)
+        torques = jacobian.T @ force + inertia @ posture + self._bias
+        np.minimum(np.maximum(torques, self._lowest), self._highest, out=self._torques)
 
     def _solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Solution of matrix x = right for a symmetric, positive definite matrix (n, n) and right (n,) or (n, m).
