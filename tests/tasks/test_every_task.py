@@ -32,7 +32,17 @@ def test_no_task_is_left_out():
 
 
 def test_the_plugin_knows_every_task_where_no_extra_is_installed():
-    extras = ["mujoco", "robosuite", "scipy", "fast_simplification", "mani_skill", "sapien", "diffusers", "ray"]
+    extras = [
+        "mujoco",
+        "robosuite",
+        "numba",
+        "scipy",
+        "fast_simplification",
+        "mani_skill",
+        "sapien",
+        "diffusers",
+        "ray",
+    ]
     program = f"""
 import sys
 sys.modules |= dict.fromkeys({extras})

@@ -5,6 +5,8 @@ MuJoCo directly: a control step takes a fraction of the time, and nothing but `O
 `mujoco.MjData` holds a state.
 """
 
+from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,9 +36,7 @@ class OperationalSpaceControl:
     """
 
     def __init__(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
-        from scipy.linalg.lapack import dposv  # the plugin loads without the extra, too
-
-        self._mujoco, self._dposv = import_mujoco(), dposv
+        self._mujoco, self._law = import_mujoco(), _compiled_law()
         self._model, self._data = model, data
         self._site = model.site(GRIP_SITE).id
         self._lowest, self._highest = model.actuator_ctrlrange[ARM].T
@@ -48,7 +48,6 @@ class OperationalSpaceControl:
         self._angles, self._velocity, self._bias = data.qpos[ARM], data.qvel[ARM], data.qfrc_bias[ARM]
         self._torques = data.ctrl[ARM]
         self._place, self._axes = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
-        self._arm_jacobian, self._arm_inertia = self._jacobian[:, ARM], self._inertia[ARM, ARM]
         self.reset()
 
     def reset(self) -> None:
@@ -78,31 +77,59 @@ class OperationalSpaceControl:
         """Write the arm's torques for one physics step, between `mj_step1` and `mj_step2`."""
         self._mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._site)
         self._mujoco.mj_fullM(self._model, self._inertia, self._data.qM)
-        jacobian, inertia, velocity = self._arm_jacobian, self._arm_inertia, self._velocity
+        torques = self._law(
+            self._jacobian,
+            self._inertia,
+            self._velocity,
+            self._goal - self._place,
+            self._goal_axes @ self._axes.T,
+            self._posture - self._angles,
+        )
+        np.minimum(np.maximum(torques + self._bias, self._lowest), self._highest, out=self._torques)
 
-        # Half the sum of the axes' cross products with those of the goal.
-        turned = self._goal_axes @ self._axes.T
-        error = np.empty(6)
-        error[:3] = self._goal - self._place
-        error[3] = 0.5 * (turned[2, 1] - turned[1, 2])
-        error[4] = 0.5 * (turned[0, 2] - turned[2, 0])
-        error[5] = 0.5 * (turned[1, 0] - turned[0, 1])
-        wanted = STIFFNESS * error - DAMPING * (jacobian @ velocity)
 
-        posture = POSTURE_STIFFNESS * (self._posture - self._angles) - POSTURE_DAMPING * velocity
-        mobility = jacobian @ self._solve(inertia, jacobian.T)  # inverse of the inertia that the hand feels
-        force = -self._solve(mobility, jacobian @ posture)  # what keeps the posture out of the hand's way
-        force[:3] += self._solve(mobility[:3, :3], wanted[:3])
-        force[3:] += self._solve(mobility[3:, 3:], wanted[3:])
-        torques = jacobian.T @ force + inertia @ posture + self._bias
-        np.minimum(np.maximum(torques, self._lowest), self._highest, out=self._torques)
+def _torques(
+    jacobian: np.ndarray,
+    inertia: np.ndarray,
+    velocity: np.ndarray,
+    way: np.ndarray,
+    turned: np.ndarray,
+    bent: np.ndarray,
+) -> np.ndarray:
+    """The law itself: torques (7,) on top of what holds the robot against gravity.
 
-    def _solve(self, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Solution of matrix x = right for a symmetric, positive definite matrix (n, n) and right (n,) or (n, m).
+    Args:
+        jacobian: (6, joints) of the hand, translation above rotation.
+        inertia: (joints, joints).
+        velocity: (7,) of the arm's joints.
+        way: (3,) from the hand to its goal.
+        turned: (3, 3) rotation from the hand's axes to the goal's.
+        bent: (7,) from the arm's joint angles to its posture's.
 
-        25 times a control step, what `numpy.linalg.solve` checks first takes longer than the solving.
-        """
-        _, solution, fault = self._dposv(matrix, right)
-        if fault:
-            raise np.linalg.LinAlgError(f"LAPACK's dposv refuses a matrix of the arm's dynamics ({fault})")
-        return solution
+    Raises:
+        numpy.linalg.LinAlgError: If a matrix is singular.
+    """
+    jacobian = np.ascontiguousarray(jacobian[:, :7])
+    inertia = np.ascontiguousarray(inertia[:7, :7])
+    error = np.empty(6)
+    error[:3] = way
+    # Half the sum of the axes' cross products with those of the goal.
+    error[3] = 0.5 * (turned[2, 1] - turned[1, 2])
+    error[4] = 0.5 * (turned[0, 2] - turned[2, 0])
+    error[5] = 0.5 * (turned[1, 0] - turned[0, 1])
+    wanted = STIFFNESS * error - DAMPING * (jacobian @ velocity)
+
+    posture = POSTURE_STIFFNESS * bent - POSTURE_DAMPING * velocity
+    mobility = jacobian @ np.linalg.solve(inertia, jacobian.T.copy())  # inverse of the inertia that the hand feels
+    force = -np.linalg.solve(mobility, jacobian @ posture)  # what keeps the posture out of the hand's way
+    force[:3] += np.linalg.solve(mobility[:3, :3].copy(), wanted[:3])
+    force[3:] += np.linalg.solve(mobility[3:, 3:].copy(), wanted[3:])
+    return jacobian.T @ force + inertia @ posture
+
+
+@cache
+def _compiled_law() -> Callable[..., np.ndarray]:
+    """`_torques`, compiled: 25 times a control step, Python takes as long over it as MuJoCo over the physics."""
+    from numba import njit  # the plugin loads without the extra, too
+
+    return njit(cache=True)(_torques)
