@@ -64,9 +64,10 @@ def test_an_episode_is_maniskills_to_the_bit(env):
         assert np.array_equal(ours[:, :18], theirs[:, :18])
         same_pose(ours[:, 18:25], theirs[:, 18:25])
         same_pose(ours[:, 25:32], theirs[:, 25:32])
-        for start, place in ((32, 32), (39, 32), (46, 39)):
+        for start, place in ((38, 32), (51, 32), (58, 39)):
             same_pose(ours[:1, start : start + 7], theirs[:1, place : place + 7])
-        assert (ours[:, 32:] == ours[0, 32:]).all()  # what stands still is not measured again
+        for still in (slice(38, 45), slice(51, 65)):  # what stands still is not measured again
+            assert (ours[:, still] == ours[0, still]).all()
         assert np.abs(theirs[:, 32:] - theirs[0, 32:]).max() < 1e-6
 
 
@@ -105,6 +106,25 @@ def test_rotation_vectors_are_scipys():
         for sign in (1, -1):
             assert turn_of(sign * quaternion) == pytest.approx(rotation.as_rotvec(), abs=1e-9)
     assert turn_of(np.array([1.0, 0.0, 0.0, 0.0])).tolist() == [0, 0, 0]
+
+
+def relative(pose, other):
+    """Position and rotation vector of a pose (7,) seen from another, by SciPy."""
+    (place, turn), (origin, frame) = ((p[:3], Rotation.from_quat(p[3:], scalar_first=True)) for p in (pose, other))
+    return frame.inv().apply(place - origin), (frame.inv() * turn).as_rotvec()
+
+
+def test_offsets_are_relative_poses_magnified_near_zero(env):
+    for seed, steps in ((2, 0), (4, 60)):
+        seen = play(env, seed, steps)[-1].astype(np.float64)
+        tool, charger, goal = seen[18:25], seen[25:32], seen[58:65]
+        # The tool shall point down: half a turn about the charger's x.
+        down = Rotation.from_quat(charger[3:], scalar_first=True) * Rotation.from_rotvec([np.pi, 0, 0])
+        grip = np.concatenate([charger[:3], down.as_quat(scalar_first=True)])
+        for offset, (way, turn) in ((seen[32:38], relative(tool, grip)), (seen[45:51], relative(charger, goal))):
+            # Millimetres and hundredths of a radian.
+            assert 1000 * way == pytest.approx(np.sinh(offset[:3]), rel=1e-3, abs=1e-3)
+            assert 100 * turn == pytest.approx(np.sinh(offset[3:]), rel=1e-3, abs=1e-3)
 
 
 def test_same_seed_and_actions_give_the_same_episode_whatever_was_played_before(env):
@@ -168,7 +188,7 @@ def test_a_seed_chooses_where_everything_is(env):
     for seed in range(30000, 30200):
         observation, _ = env.reset(seed=seed)
         charger.append(observation["environment_state"][:7])
-        receptacle.append(observation["environment_state"][7:])
+        receptacle.append(observation["environment_state"][13:20])
         goal.append(observation["goal"])
         tool.append(observation["agent_pos"][18:25])
     charger, receptacle, goal, tool = map(np.array, (charger, receptacle, goal, tool))
@@ -208,13 +228,15 @@ def test_the_receptacle_can_be_hidden_from_whoever_does_not_know_the_goal(env):
     config = ChargerEnv(hide_receptacle=True)
     hidden = Charger(**config.gym_kwargs)
     observation, whole = hidden.reset(seed=3)[0], env.reset(seed=3)[0]
-    assert np.array_equal(observation["environment_state"], whole["environment_state"][:7])
-    assert np.array_equal(observation["goal"], whole["goal"])
+    assert np.array_equal(observation["environment_state"], whole["environment_state"][:13])
+    # Who knows the goal is told how far it is: only the other loses by the hiding.
+    assert np.array_equal(observation["goal"], np.concatenate([whole["goal"], whole["environment_state"][20:]]))
     assert hidden.observation_space.contains(observation)
-    for options, length in (({}, 14), ({"hide_receptacle": True}, 7)):
+    for options, scene, goal in (({}, 26, 14), ({"hide_receptacle": True}, 13, 20)):
         config = ChargerEnv(**options)
-        assert config.features["environment_state"].shape == (length,)
-        assert len(config.feature_names["observation.environment_state"]) == length
+        for key, length in (("environment_state", scene), ("goal", goal)):
+            assert config.features[key].shape == (length,)
+            assert len(config.feature_names[f"observation.{key}"]) == length
     for make in (ChargerEnv, Charger):
         with pytest.raises(ValueError, match="hides the receptacle with obs_type state only, not pixels_agent_pos"):
             make(obs_type="pixels_agent_pos", hide_receptacle=True)

@@ -18,6 +18,10 @@ POSE = ("x", "y", "z", "quaternion_w", "quaternion_x", "quaternion_y", "quaterni
 JOINTS = (*(f"joint{i}" for i in range(1, 8)), "finger1", "finger2")
 CHARGER = [f"charger_{name}" for name in POSE]
 RECEPTACLE = [f"receptacle_{name}" for name in POSE]
+OFFSET = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+GRIP_OFFSET = [f"grip_offset_{name}" for name in OFFSET]
+PLUG_OFFSET = [f"plug_offset_{name}" for name in OFFSET]
+GOAL = [*RECEPTACLE, *(f"goal_{name}" for name in POSE)]
 
 
 @EnvConfig.register_subclass("gloves_charger")
@@ -44,13 +48,14 @@ class ChargerEnv(TaskEnv):
     feature_names: ClassVar[dict[str, list[str]]] = {
         ACTION: [*(f"d_{joint}" for joint in JOINTS[:7]), "grip"],
         OBS_STATE: [*JOINTS, *(f"{joint}_velocity" for joint in JOINTS), *(f"tool_{name}" for name in POSE)],
-        OBS_ENV_STATE: [*CHARGER, *RECEPTACLE],
-        OBS_GOAL: [*RECEPTACLE, *(f"goal_{name}" for name in POSE)],
+        OBS_ENV_STATE: [*CHARGER, *GRIP_OFFSET, *RECEPTACLE, *PLUG_OFFSET],
+        OBS_GOAL: GOAL,
     }
 
     def __post_init__(self) -> None:
-        if self.hide_receptacle:  # the one option that changes a feature's length: these names are the instance's own
-            self.feature_names = {**type(self).feature_names, OBS_ENV_STATE: CHARGER}  # type: ignore[misc]
+        if self.hide_receptacle:  # the one option that changes features' lengths: these names are the instance's own
+            names = {OBS_ENV_STATE: [*CHARGER, *GRIP_OFFSET], OBS_GOAL: [*GOAL, *PLUG_OFFSET]}
+            self.feature_names = {**type(self).feature_names, **names}  # type: ignore[misc]
         super().__post_init__()
         check_hidden(self.obs_type, self.hide_receptacle)
 

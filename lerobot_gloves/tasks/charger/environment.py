@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from lerobot_gloves.tasks.charger import drawing
-from lerobot_gloves.tasks.charger.scene import Scene, is_plugged_in, pose_vector
+from lerobot_gloves.tasks.charger.scene import Scene, gripping, is_plugged_in, offset, pose_vector
 from lerobot_gloves.tasks.configuration import check_observation_type
 from lerobot_gloves.tasks.spaces import observation_space
 
@@ -38,13 +38,15 @@ class Charger(gym.Env):
     Observations:
         agent_pos: (25,) positions of the joints (rad) and the two fingers (metres), their velocities (a second), and
             the pose of the tool, which is the point between the finger tips.
-        environment_state: (14,) pose of the charger, pose of the receptacle; with obs_type "state" or `privileged`.
-            (7,) without the receptacle if that is hidden.
+        environment_state: (26,) pose of the charger (7) and how far the tool is from gripping it (6), pose of the
+            receptacle (7) and how far the charger is from the goal (6); with obs_type "state" or `privileged`. The
+            first 13 if the receptacle is hidden.
         pixels: {"wrist": (image_size, image_size, 3) uint8}; only with obs_type "pixels_agent_pos".
-        goal: (14,) pose of the receptacle, and the pose that the charger shall have.
+        goal: (14,) pose of the receptacle, and the pose that the charger shall have; (20,) with how far it is from that
+            if the receptacle is hidden.
 
-    A pose is a position (metres) and a quaternion (w, x, y, z), the tool's with x >= 0, the receptacle's with z >= 0,
-    the others' with w >= 0.
+    How far one thing is from another is `scene.offset`. A pose is a position (metres) and a quaternion (w, x, y, z),
+    the tool's with x >= 0, the receptacle's with z >= 0, the others' with w >= 0.
 
     Every `info` holds `is_success` (the charger is within 5 mm and 0.2 rad of the goal) and `failure`: "" or, at the
     end of time, "timeout". The reward is 1 at success, else 0.
@@ -83,9 +85,9 @@ class Charger(gym.Env):
         self.action_space = gym.spaces.Box(-1.0, 1.0, (8,), np.float32)
         self.observation_space = observation_space(
             state=25,
-            goal=14,
+            goal=20 if hide_receptacle else 14,
             goal_range=(-np.inf, np.inf),
-            scene=(7 if hide_receptacle else 14) if self._sees_scene else None,
+            scene=(13 if hide_receptacle else 26) if self._sees_scene else None,
             cameras=CAMERAS if self._sees_pixels else (),
             image_size=image_size,
         )
@@ -141,13 +143,18 @@ class Charger(gym.Env):
         return self._observation(), float(success), success, truncated, info
 
     def _observation(self) -> dict[str, Any]:
-        scene = self._scene
+        scene, hidden = self._scene, self._hide_receptacle
         state = np.concatenate([scene.joint_positions, scene.joint_velocities, pose_vector(scene.tool, 1)])
-        observation: dict[str, Any] = {"agent_pos": state.astype(np.float32), "goal": self._goal.copy()}
+        missing = offset(scene.charger, scene.goal)
+        goal = np.concatenate([self._goal, missing]) if hidden else self._goal
+        observation: dict[str, Any] = {
+            "agent_pos": state.astype(np.float32),
+            "goal": goal.astype(np.float32),
+        }
         if self._sees_scene:
-            charger = pose_vector(scene.charger, 0)
-            seen = charger if self._hide_receptacle else np.concatenate([charger, self._receptacle])
-            observation["environment_state"] = seen.astype(np.float32)
+            seen = [pose_vector(scene.charger, 0), offset(scene.tool, gripping(scene.charger))]
+            seen += [] if hidden else [self._receptacle, missing]
+            observation["environment_state"] = np.concatenate(seen).astype(np.float32)
         if self._sees_pixels:
             observation["pixels"] = {"wrist": self._draw("wrist")}
         return observation

@@ -17,8 +17,16 @@ CLEAR = -0.11
 """Farthest back (x) that the tool goes to get clear of the receptacle, metres."""
 STRAIGHT, CENTRED = 0.012, 0.0008
 """Turn (rad) and distance from the holes' axis (metres) of a charger that is about to be pushed in."""
-SLOW = 0.010
+SLOW = 0.006
 """How far ahead of the tool its target is while the pegs go in, metres."""
+FINE, GAIN = 0.06, 1.5
+"""Closer than this to the goal (metres) the target lies that many times as far ahead as the error is: the robot gets a
+third of the way in a step, and what is left of half a millimetre is too little for a policy to tell from nothing."""
+CARE_BUMPED, CARE = 0.6, 0.04
+"""Share of the jostling that reaches the robot close to the receptacle, while it is bumped there and otherwise. Bumps
+make the pegs miss the holes now and then: a policy, which will, learns from that how to try again."""
+BUMP_BEGINS, BUMP_ENDS = 1 / 20, 1 / 8
+"""Chances of that in a step."""
 TURN = 8.0
 """By how much farther ahead it is in orientation, rad a metre."""
 
@@ -32,8 +40,9 @@ class ChargerExpert:
     aligned, the bow of the way there, the speed and how it drifts.
 
     While it demonstrates, the robot is jostled: the joints drift, slowly now one way and now another, and in half of
-    the episodes they jitter, the less the closer the pegs are to the holes. What is recorded is what the expert wanted
-    to do (as in DART, Laskey et al. 2017). The fingers are left alone.
+    the episodes they jitter; before the receptacle in bumps of some eight steps, between which it is all but left
+    alone, as it is with the pegs in the holes. What is recorded is what the expert wanted to do (as in DART, Laskey et
+    al. 2017). The fingers are left alone.
 
     Args:
         rng: Source of all draws.
@@ -54,13 +63,14 @@ class ChargerExpert:
         # The tool that grips, seen from the charger: it points down, the fingers move along y.
         self._grip = _pose([along - BODY_SIZE[0] / 2, 0.0, up], [0.0, np.cos(pitch / 2), 0.0, np.sin(pitch / 2)])
         self._hover = rng.uniform(0.035, 0.06)
-        self._standoff = rng.uniform(0.022, 0.034)  # of a charger that is not yet aligned, from the goal
+        self._standoff = rng.uniform(0.018, 0.020)  # of a charger that is not yet aligned, from the goal
         # By which share of the distance the way to the receptacle sets out sideways (y) and upward (z).
         self._bow = np.array([0.0, rng.normal(0.0, 0.2), rng.uniform(0.0, 0.3)])
         self._speed = rng.uniform(0.024, 0.032)  # how far ahead of the tool its target is: it gets a third of it a step
         self._haste = 0.0  # logarithm of the speed's drift
         self._drift = np.zeros(7)  # what carries the joints off
         self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.01, 0.04)
+        self._bumped = False
         self._care = 1.0  # share of the jostling that reaches the robot
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
@@ -79,20 +89,21 @@ class ChargerExpert:
         self._haste += -self._haste / 25 + 0.02 * self._rng.standard_normal()
         self._care = 1.0
 
-        fingers, speed = state[7] + state[8], self._speed
+        fingers, speed, gain = state[7] + state[8], self._speed, 1.0
         off = (charger * self._grip).inv() * tool  # the tool seen from where it shall grip
         distance, turn = _length(off.p), _length(turn_of(off.q))
         around = distance < 0.013 and turn < 0.35
         if around and EMPTY < fingers < HELD:
             opening = -1.0
-            carried, speed = self._carried(charger, goal)
+            carried, speed, gain = self._carried(charger, goal)
             target = carried * (charger.inv() * tool)
         elif around and (fingers < OPEN or (distance < 0.004 and turn < 0.05)):
             opening, target = -1.0, charger * self._grip
         else:
             opening, target = 1.0, self._above(tool, charger, goal)
         way, haste = tool.inv() * target, np.exp(self._haste)
-        move, rotation = _shortened(way.p, speed * haste), _shortened(turn_of(way.q), TURN * self._speed * haste)
+        move = _shortened(gain * way.p, speed * haste)
+        rotation = _shortened(gain * turn_of(way.q), TURN * self._speed * haste)
         joints = joint_step(state[:9], np.concatenate([move, rotation])) / MAX_DELTA
         joints /= max(1.0, float(np.abs(joints).max()))
         return np.array([*joints, opening], dtype=np.float32)
@@ -110,21 +121,24 @@ class ChargerExpert:
         stay = np.clip((0.09 - before) / 0.04, 0.0, 1.0) * np.clip((aside - 0.02) / 0.03, 0.0, 1.0)
         return _pose([x - retreat, y, z + stay * max(0.0, tool.p[2] - z)], grip.q)
 
-    def _carried(self, charger: "sapien.Pose", goal: "sapien.Pose") -> tuple["sapien.Pose", float]:
-        """Where the charger shall go, and how far ahead of the tool its target may be, metres."""
+    def _carried(self, charger: "sapien.Pose", goal: "sapien.Pose") -> tuple["sapien.Pose", float, float]:
+        """Where the charger shall go, how far ahead of the tool its target may be (metres), and by which gain."""
         error = goal.inv() * charger
         away = _length(error.p)
-        self._care = float(np.clip((away - 0.04) / 0.1, 0.04, 1.0))
         crooked = max(_length(error.p[1:]) / CENTRED, _length(turn_of(error.q)) / STRAIGHT)
-        if error.p[0] > -PEG_LENGTH and crooked < 2.0:  # the pegs are in the holes, which hold them straight
-            return goal, SLOW
-        before = self._standoff * np.clip(crooked - 0.4, 0.0, 1.0)
+        inside = error.p[0] > -PEG_LENGTH and crooked < 2.0  # the pegs are in the holes, which hold them straight
+        self._care = float(np.clip((away - 0.04) / 0.1, CARE_BUMPED if self._bumped and not inside else CARE, 1.0))
+        if inside:
+            return goal, SLOW, GAIN
+        before = self._standoff * np.clip(2 * (crooked - 0.4), 0.0, 1.0)
         aim = np.array([-before, 0.0, 0.0]) + self._bow * max(0.0, away - 0.06)
-        return goal * _pose(aim), SLOW + (self._speed - SLOW) * float(np.clip(away / 0.03 - 1.0, 0.0, 1.0))
+        speed = SLOW + (self._speed - SLOW) * float(np.clip(away / 0.03 - 1.0, 0.0, 1.0))
+        return goal * _pose(aim), speed, GAIN if away < FINE else 1.0
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (8,) while it is jostled, (8,) float32."""
         rng = self._rng
+        self._bumped = rng.random() >= BUMP_ENDS if self._bumped else rng.random() < BUMP_BEGINS
         self._drift += -self._drift / 30 + 0.01 * rng.standard_normal(7)
         disturbed = action.copy()
         disturbed[:7] += self._care * (self._jitter * rng.standard_normal(7) + self._drift)

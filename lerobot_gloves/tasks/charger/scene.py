@@ -19,6 +19,8 @@ TOOL_LINK = "panda_hand_tcp"
 BODY_SIZE = np.array([0.04, 0.03, 0.024])
 """Extent (3,) of the charger's body, which ends at the roots of the pegs."""
 PEG_LENGTH = 0.016
+NEAR, SLIGHT = 0.001, 0.01
+"""Distance (metres) and turn (rad) that begin to count in an offset."""
 MAX_DELTA = 0.1
 """What an action of 1 moves a joint by, rad."""
 SUCCESS_DISTANCE, SUCCESS_ANGLE = 0.005, 0.2
@@ -45,6 +47,23 @@ def turn_of(quaternion: np.ndarray) -> np.ndarray:
     cosine = float(quaternion[0])
     angle = 2 * np.arctan2(sine, abs(cosine))
     return np.copysign(angle / sine, cosine) * vector
+
+
+def offset(pose: "sapien.Pose", other: "sapien.Pose") -> np.ndarray:
+    """How far a pose is from another, (6,): asinh of its position in `NEAR`s and of its rotation vector in `SLIGHT`s.
+
+    Seen in the other's frame. Near it this is proportional to the error, far from it a logarithm, so that half a
+    millimetre at the holes is not lost beside the half metre of the way there.
+    """
+    error = other.inv() * pose
+    return np.arcsinh(np.concatenate([error.p / NEAR, turn_of(error.q) / SLIGHT]))
+
+
+def gripping(charger: "sapien.Pose") -> "sapien.Pose":
+    """Pose of a tool that points straight down at a charger, with a finger on either side of it."""
+    import sapien
+
+    return charger * sapien.Pose([0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0])
 
 
 def is_plugged_in(charger: "sapien.Pose", goal: "sapien.Pose") -> bool:
