@@ -22,11 +22,12 @@ SLOW = 0.006
 FINE, GAIN = 0.06, 1.5
 """Closer than this to the goal (metres) the target lies that many times as far ahead as the error is: the robot gets a
 third of the way in a step, and what is left of half a millimetre is too little for a policy to tell from nothing."""
-CARE_BUMPED, CARE = 0.6, 0.04
-"""Share of the jostling that reaches the robot close to the receptacle, while it is bumped there and otherwise. Bumps
-make the pegs miss the holes now and then: a policy, which will, learns from that how to try again."""
-BUMP_BEGINS, BUMP_ENDS = 1 / 20, 1 / 8
+CARE = 0.04
+"""Share of the jostling that reaches the robot close to the receptacle."""
+BUMP_BEGINS, BUMP_ENDS = 1 / 25, 1 / 6
 """Chances of that in a step."""
+BUMP = (0.02, 0.15)
+"""Smallest and largest size of a bump, in the units of an action."""
 TURN = 8.0
 """By how much farther ahead it is in orientation, rad a metre."""
 
@@ -40,9 +41,10 @@ class ChargerExpert:
     aligned, the bow of the way there, the speed and how it drifts.
 
     While it demonstrates, the robot is jostled: the joints drift, slowly now one way and now another, and in half of
-    the episodes they jitter; before the receptacle in bumps of some eight steps, between which it is all but left
-    alone, as it is with the pegs in the holes. What is recorded is what the expert wanted to do (as in DART, Laskey et
-    al. 2017). The fingers are left alone.
+    the episodes they jitter, the less the closer the charger is to the receptacle. Besides it is bumped: for a few
+    steps something pushes the joints one way, so that the charger comes to the receptacle beside the holes now and
+    then, and a policy can learn what to do there. With the pegs in the holes there are no bumps. What is recorded is
+    what the expert wanted to do (as in DART, Laskey et al. 2017). The fingers are left alone.
 
     Args:
         rng: Source of all draws.
@@ -70,7 +72,7 @@ class ChargerExpert:
         self._haste = 0.0  # logarithm of the speed's drift
         self._drift = np.zeros(7)  # what carries the joints off
         self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.01, 0.04)
-        self._bumped = False
+        self._bump: np.ndarray | None = None  # what pushes the joints away at this moment
         self._care = 1.0  # share of the jostling that reaches the robot
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
@@ -127,8 +129,9 @@ class ChargerExpert:
         away = _length(error.p)
         crooked = max(_length(error.p[1:]) / CENTRED, _length(turn_of(error.q)) / STRAIGHT)
         inside = error.p[0] > -PEG_LENGTH and crooked < 2.0  # the pegs are in the holes, which hold them straight
-        self._care = float(np.clip((away - 0.04) / 0.1, CARE_BUMPED if self._bumped and not inside else CARE, 1.0))
+        self._care = float(np.clip((away - 0.04) / 0.1, CARE, 1.0))
         if inside:
+            self._bump = None
             return goal, SLOW, GAIN
         before = self._standoff * np.clip(2 * (crooked - 0.4), 0.0, 1.0)
         aim = np.array([-before, 0.0, 0.0]) + self._bow * max(0.0, away - 0.06)
@@ -138,10 +141,15 @@ class ChargerExpert:
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (8,) while it is jostled, (8,) float32."""
         rng = self._rng
-        self._bumped = rng.random() >= BUMP_ENDS if self._bumped else rng.random() < BUMP_BEGINS
+        if self._bump is None and rng.random() < BUMP_BEGINS:
+            self._bump = np.exp(rng.uniform(*np.log(BUMP))) * rng.standard_normal(7)
+        elif rng.random() < BUMP_ENDS:
+            self._bump = None
         self._drift += -self._drift / 30 + 0.01 * rng.standard_normal(7)
         disturbed = action.copy()
         disturbed[:7] += self._care * (self._jitter * rng.standard_normal(7) + self._drift)
+        if self._bump is not None:
+            disturbed[:7] += self._bump
         return np.clip(disturbed, -1.0, 1.0).astype(np.float32)
 
 
