@@ -103,6 +103,8 @@ def test_jostling_leaves_the_fingers_alone_and_spares_pegs_in_the_holes(env):
         executed = pushed.disturb(wanted)
         assert executed[7] == -1 and np.abs(executed).max() <= 1
         (inside if depth < 0.015 else far).append(np.abs(executed[:7]).max())
+        if depth < 0.015:  # bumps are rare, but here there are none
+            assert max(np.abs(pushed.disturb(wanted)[:7]).max() for _ in range(100)) < 0.02
 
     for seed in (3, 4):
         assert play(env, seed, np.random.default_rng(seed), jostled=True, meddle=watch)[2]["is_success"]

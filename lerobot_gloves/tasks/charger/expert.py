@@ -74,6 +74,7 @@ class ChargerExpert:
         self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.01, 0.04)
         self._bump: np.ndarray | None = None  # what pushes the joints away at this moment
         self._care = 1.0  # share of the jostling that reaches the robot
+        self._sheltered = False  # whether no bump does
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         """The next action.
@@ -89,7 +90,7 @@ class ChargerExpert:
         tool, goal = _read(state[18:25]), _read(observation["goal"][7:14])
         charger = _read(observation["environment_state"][:7])
         self._haste += -self._haste / 25 + 0.02 * self._rng.standard_normal()
-        self._care = 1.0
+        self._care, self._sheltered = 1.0, False
 
         fingers, speed, gain = state[7] + state[8], self._speed, 1.0
         off = (charger * self._grip).inv() * tool  # the tool seen from where it shall grip
@@ -130,8 +131,8 @@ class ChargerExpert:
         crooked = max(_length(error.p[1:]) / CENTRED, _length(turn_of(error.q)) / STRAIGHT)
         inside = error.p[0] > -PEG_LENGTH and crooked < 2.0  # the pegs are in the holes, which hold them straight
         self._care = float(np.clip((away - 0.04) / 0.1, CARE, 1.0))
+        self._sheltered = inside
         if inside:
-            self._bump = None
             return goal, SLOW, GAIN
         before = self._standoff * np.clip(2 * (crooked - 0.4), 0.0, 1.0)
         aim = np.array([-before, 0.0, 0.0]) + self._bow * max(0.0, away - 0.06)
@@ -141,8 +142,11 @@ class ChargerExpert:
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (8,) while it is jostled, (8,) float32."""
         rng = self._rng
-        if self._bump is None and rng.random() < BUMP_BEGINS:
-            self._bump = np.exp(rng.uniform(*np.log(BUMP))) * rng.standard_normal(7)
+        if self._sheltered:
+            self._bump = None
+        elif self._bump is None:
+            if rng.random() < BUMP_BEGINS:
+                self._bump = np.exp(rng.uniform(*np.log(BUMP))) * rng.standard_normal(7)
         elif rng.random() < BUMP_ENDS:
             self._bump = None
         self._drift += -self._drift / 30 + 0.01 * rng.standard_normal(7)
