@@ -91,24 +91,28 @@ def test_joints_move_the_tool_as_it_shall_move(env):
         assert turn_of(after.q) == pytest.approx(twist[3:], abs=5e-4)
 
 
-def test_jostling_leaves_the_fingers_alone_and_spares_pegs_in_the_holes(env):
-    far, inside = [], []
+def test_jostling_spares_pegs_in_the_holes_and_fingers_that_hold(env):
+    far, inside, empty = [], [], []
+    wanted = np.array([0, 0, 0, 0, 0, 0, 0, 1], dtype=np.float32)
 
     def watch(expert, observation):
         depth = np.linalg.norm(observation["environment_state"][:3] - observation["goal"][7:10])
         pushed = copy.deepcopy(expert)
-        wanted = np.zeros(8, dtype=np.float32)
-        wanted[7] = -1.0
-        pushed.act(observation)
-        executed = pushed.disturb(wanted)
-        assert executed[7] == -1 and np.abs(executed).max() <= 1
-        (inside if depth < 0.015 else far).append(np.abs(executed[:7]).max())
-        if depth < 0.015:  # bumps are rare, but here there are none
-            assert max(np.abs(pushed.disturb(wanted)[:7]).max() for _ in range(100)) < 0.02
+        opening = pushed.act(observation)[7]
+        pushed._slips = False
+        executed = np.array([pushed.disturb(wanted) for _ in range(100)])
+        assert np.abs(executed).max() <= 1 and set(executed[:, 7]) <= {-1, 1}
+        (inside if depth < 0.015 else far).append(np.abs(executed[:, :7]).max())
+        if opening == 1:
+            empty.append(np.mean(executed[:, 7] < 0))
+        elif depth < 0.1:  # it is carried
+            assert (executed[:, 7] == 1).all()
 
     for seed in (3, 4):
         assert play(env, seed, np.random.default_rng(seed), jostled=True, meddle=watch)[2]["is_success"]
-    assert np.mean(far) > 0.02 and np.mean(inside) < 0.01
+    # Bumps, which come in some of a hundred steps wherever there are any, are larger than what else there is.
+    assert np.median(far) > 0.05 and max(inside) < 0.02
+    assert 0.02 < np.mean(empty) < 0.3  # in the long run one step in eleven
 
 
 def test_recorded_demonstrations_carry_their_labels(env):

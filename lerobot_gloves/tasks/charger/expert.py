@@ -15,19 +15,24 @@ OPEN, HELD, EMPTY = 0.070, 0.033, 0.020
 """Distances of the fingers, metres: above the first they are open, between the others they hold the charger."""
 CLEAR = -0.11
 """Farthest back (x) that the tool goes to get clear of the receptacle, metres."""
-STRAIGHT, CENTRED = 0.012, 0.0008
-"""Turn (rad) and distance from the holes' axis (metres) of a charger that is about to be pushed in."""
-SLOW = 0.006
+STRAIGHT, CENTRED = 0.024, 0.0016
+"""Turn (rad) and distance from the holes' axis (metres) from which on a charger is taken back, not pushed in."""
+STANDOFF = 0.024
+"""How far from the goal, and so with the pegs before the receptacle, a charger is set straight, metres."""
+SLOW = 0.007
 """How far ahead of the tool its target is while the pegs go in, metres."""
-FINE, GAIN = 0.06, 1.5
-"""Closer than this to the goal (metres) the target lies that many times as far ahead as the error is: the robot gets a
-third of the way in a step, and what is left of half a millimetre is too little for a policy to tell from nothing."""
+FINE, GAIN, FAR = 0.06, 2.0, 0.02
+"""Closer than the first to the goal (metres) the target lies that many times as far ahead as the error is, up to the third
+(metres): the robot gets a third of the way in a step, and what is left of half a millimetre is too little for a policy to
+tell from nothing."""
 CARE = 0.04
 """Share of the jostling that reaches the robot close to the receptacle."""
-BUMP_BEGINS, BUMP_ENDS = 1 / 25, 1 / 6
-"""Chances of that in a step."""
+BUMP_BEGINS, BUMP_BEGINS_FINE, BUMP_ENDS = 1 / 25, 1 / 6, 1 / 6
+"""Chances in a step that a bump begins, the same close to the goal, and that it ends."""
 BUMP = (0.02, 0.15)
 """Smallest and largest size of a bump, in the units of an action."""
+SLIP_BEGINS, SLIP_ENDS = 1 / 80, 1 / 8
+"""Chances in a step that the empty fingers begin to close by themselves, and that they stop."""
 TURN = 8.0
 """By how much farther ahead it is in orientation, rad a metre."""
 
@@ -37,14 +42,14 @@ class ChargerExpert:
 
     What comes next is decided anew in every step from what is observed, and no step is counted: a charger that is lost
     is picked up again, and pegs that meet the receptacle beside its holes are taken back. What differs between
-    episodes: where and how steeply the charger is gripped, from which height, how far before the receptacle it is
-    aligned, the bow of the way there, the speed and how it drifts.
+    episodes: where and how steeply the charger is gripped, from which height, the bow of the way to the receptacle, the
+    speed and how it drifts.
 
     While it demonstrates, the robot is jostled: the joints drift, slowly now one way and now another, and in half of
     the episodes they jitter, the less the closer the charger is to the receptacle. Besides it is bumped: for a few
     steps something pushes the joints one way, so that the charger comes to the receptacle beside the holes now and
-    then, and a policy can learn what to do there. With the pegs in the holes there are no bumps. What is recorded is
-    what the expert wanted to do (as in DART, Laskey et al. 2017). The fingers are left alone.
+    then, and a policy can learn what to do there; with the pegs in the holes there are no bumps. The empty fingers slip
+    shut now and then. What is recorded is what the expert wanted to do (as in DART, Laskey et al. 2017).
 
     Args:
         rng: Source of all draws.
@@ -65,7 +70,6 @@ class ChargerExpert:
         # The tool that grips, seen from the charger: it points down, the fingers move along y.
         self._grip = _pose([along - BODY_SIZE[0] / 2, 0.0, up], [0.0, np.cos(pitch / 2), 0.0, np.sin(pitch / 2)])
         self._hover = rng.uniform(0.035, 0.06)
-        self._standoff = rng.uniform(0.018, 0.020)  # of a charger that is not yet aligned, from the goal
         # By which share of the distance the way to the receptacle sets out sideways (y) and upward (z).
         self._bow = np.array([0.0, rng.normal(0.0, 0.2), rng.uniform(0.0, 0.3)])
         self._speed = rng.uniform(0.024, 0.032)  # how far ahead of the tool its target is: it gets a third of it a step
@@ -74,7 +78,8 @@ class ChargerExpert:
         self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.01, 0.04)
         self._bump: np.ndarray | None = None  # what pushes the joints away at this moment
         self._care = 1.0  # share of the jostling that reaches the robot
-        self._sheltered = False  # whether no bump does
+        self._bump_begins, self._slip_begins = BUMP_BEGINS, SLIP_BEGINS  # how likely that is at this moment
+        self._slips = False  # whether the fingers close by themselves
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         """The next action.
@@ -90,7 +95,7 @@ class ChargerExpert:
         tool, goal = _read(state[18:25]), _read(observation["goal"][7:14])
         charger = _read(observation["environment_state"][:7])
         self._haste += -self._haste / 25 + 0.02 * self._rng.standard_normal()
-        self._care, self._sheltered = 1.0, False
+        self._care, self._bump_begins, self._slip_begins = 1.0, BUMP_BEGINS, SLIP_BEGINS
 
         fingers, speed, gain = state[7] + state[8], self._speed, 1.0
         off = (charger * self._grip).inv() * tool  # the tool seen from where it shall grip
@@ -100,7 +105,7 @@ class ChargerExpert:
             opening = -1.0
             carried, speed, gain = self._carried(charger, goal)
             target = carried * (charger.inv() * tool)
-        elif around and (fingers < OPEN or (distance < 0.004 and turn < 0.05)):
+        elif around and (EMPTY < fingers < OPEN or (fingers > OPEN and distance < 0.004 and turn < 0.05)):
             opening, target = -1.0, charger * self._grip
         else:
             opening, target = 1.0, self._above(tool, charger, goal)
@@ -129,23 +134,24 @@ class ChargerExpert:
         error = goal.inv() * charger
         away = _length(error.p)
         crooked = max(_length(error.p[1:]) / CENTRED, _length(turn_of(error.q)) / STRAIGHT)
-        inside = error.p[0] > -PEG_LENGTH and crooked < 2.0  # the pegs are in the holes, which hold them straight
+        inside = error.p[0] > -PEG_LENGTH and crooked < 1.0  # the pegs are in the holes, which hold them straight
         self._care = float(np.clip((away - 0.04) / 0.1, CARE, 1.0))
-        self._sheltered = inside
-        if inside:
-            return goal, SLOW, GAIN
-        before = self._standoff * np.clip(2 * (crooked - 0.4), 0.0, 1.0)
-        aim = np.array([-before, 0.0, 0.0]) + self._bow * max(0.0, away - 0.06)
-        speed = SLOW + (self._speed - SLOW) * float(np.clip(away / 0.03 - 1.0, 0.0, 1.0))
-        return goal * _pose(aim), speed, GAIN if away < FINE else 1.0
+        self._bump_begins = 0.0 if inside else BUMP_BEGINS_FINE if away < FINE else BUMP_BEGINS
+        self._slip_begins = 0.0
+        # The straighter the faster forward, the more crooked the faster back.
+        ahead = SLOW / GAIN * (1.0 if inside else float(np.clip(2.0 * (1.0 - crooked), -1.0, 1.0)))
+        clear = np.clip(_length(error.p[1:]) - FINE, 0.0, 0.06)  # from beside it does not cut the receptacle's corner
+        aim = np.array([np.clip(error.p[0] + ahead, -STANDOFF, 0.0) - clear, 0.0, 0.0])
+        aim += self._bow * max(0.0, away - FINE)
+        return goal * _pose(aim), *((FAR, GAIN) if away < FINE else (self._speed, 1.0))
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (8,) while it is jostled, (8,) float32."""
         rng = self._rng
-        if self._sheltered:
+        if not self._bump_begins:
             self._bump = None
         elif self._bump is None:
-            if rng.random() < BUMP_BEGINS:
+            if rng.random() < self._bump_begins:
                 self._bump = np.exp(rng.uniform(*np.log(BUMP))) * rng.standard_normal(7)
         elif rng.random() < BUMP_ENDS:
             self._bump = None
@@ -154,6 +160,9 @@ class ChargerExpert:
         disturbed[:7] += self._care * (self._jitter * rng.standard_normal(7) + self._drift)
         if self._bump is not None:
             disturbed[:7] += self._bump
+        self._slips = rng.random() < (1 - SLIP_ENDS if self._slips else self._slip_begins)
+        if self._slips:
+            disturbed[7] = -1.0
         return np.clip(disturbed, -1.0, 1.0).astype(np.float32)
 
 
