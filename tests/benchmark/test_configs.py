@@ -18,8 +18,8 @@ from lerobot_gloves.commands.bench import BenchConfig
 from lerobot_gloves.specification import parse
 
 BASELINES = ("DDPM", "CSA")
-EPISODES = {"can": 30}
-"""Of a search under each perturbation, where that is not 60: CAN's are long."""
+EPISODES = {"can": 30, "charger": 30}
+"""Of a search under each perturbation, where that is not 60: theirs are long."""
 ROOT = Path(__file__).parents[2]
 BENCH = ROOT / "configs" / "bench"
 TYPES = {
