@@ -22,9 +22,9 @@ STANDOFF = 0.024
 SLOW = 0.007
 """How far ahead of the tool its target is while the pegs go in, metres."""
 FINE, GAIN, FAR = 0.06, 2.0, 0.02
-"""Closer than the first to the goal (metres) the target lies that many times as far ahead as the error is, up to the third
-(metres): the robot gets a third of the way in a step, and what is left of half a millimetre is too little for a policy to
-tell from nothing."""
+"""Closer than the first to the goal (metres) the target lies that many times as far ahead as the error is, up to the
+third (metres): the robot gets a third of the way in a step, and what is left of half a millimetre is too little for a
+policy to tell from nothing."""
 CARE = 0.04
 """Share of the jostling that reaches the robot close to the receptacle."""
 BUMP_BEGINS, BUMP_BEGINS_FINE, BUMP_ENDS = 1 / 25, 1 / 6, 1 / 6
