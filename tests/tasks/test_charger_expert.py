@@ -76,6 +76,18 @@ def test_the_expert_picks_up_again_what_it_lost(env):
     assert any(lost[1:]) and info["is_success"]
 
 
+def test_the_expert_opens_empty_fingers_wherever_they_are(env):
+    around = []
+
+    def empty(expert, observation):
+        shut = {**observation, "agent_pos": observation["agent_pos"].copy()}
+        shut["agent_pos"][7:9] = 0.0
+        around.append(np.linalg.norm(observation["agent_pos"][18:21] - observation["environment_state"][:3]) < 0.03)
+        assert copy.deepcopy(expert).act(shut)[7] == 1
+
+    assert play(env, 1, np.random.default_rng(5), meddle=empty)[2]["is_success"] and any(around)
+
+
 def test_joints_move_the_tool_as_it_shall_move(env):
     import sapien
 

@@ -105,7 +105,7 @@ class ChargerExpert:
             opening = -1.0
             carried, speed, gain = self._carried(charger, goal)
             target = carried * (charger.inv() * tool)
-        elif around and (EMPTY < fingers < OPEN or (fingers > OPEN and distance < 0.004 and turn < 0.05)):
+        elif around and fingers > EMPTY and (fingers < OPEN or (distance < 0.004 and turn < 0.05)):
             opening, target = -1.0, charger * self._grip
         else:
             opening, target = 1.0, self._above(tool, charger, goal)
