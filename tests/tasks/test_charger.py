@@ -1,3 +1,4 @@
+import gc
 import math
 import sys
 
@@ -156,6 +157,25 @@ def test_global_random_generators_are_left_alone(env):
     np.random.seed(1)
     env.reset(seed=9)
     assert torch.equal(torch.rand(3), expected[0]) and np.array_equal(np.random.rand(3), expected[1])
+
+
+def test_making_one_searches_nothing_old_for_garbage():
+    """ManiSkill's own collection would take longer than all else; a later one sees everything again."""
+    seen = []
+
+    def note(phase, info):
+        if phase == "start" and info["generation"] == 2:
+            seen.append(len(gc.get_objects()))
+
+    gc.collect()
+    before = len(gc.get_objects())
+    gc.callbacks.append(note)
+    try:
+        Charger().close()
+    finally:
+        gc.callbacks.remove(note)
+    assert seen and min(seen) < before / 10
+    assert len(gc.get_objects()) > before / 2
 
 
 def test_an_action_moves_joints_from_where_they_are(env):
