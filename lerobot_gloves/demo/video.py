@@ -10,7 +10,7 @@ from lerobot.utils.io_utils import write_video
 from PIL import Image, ImageDraw, ImageFont
 
 from lerobot_gloves.demo.replay import Path2d
-from lerobot_gloves.tasks.slalom.environment import CONTROL_HZ
+from lerobot_gloves.tasks.environment import CONTROL_HZ
 from lerobot_gloves.tasks.slalom.expert import GAP_CENTRES
 from lerobot_gloves.tasks.slalom.scene import CAMERA, ROW_Y, TIP_HEIGHT, model, parse_mode
 

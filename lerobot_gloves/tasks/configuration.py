@@ -13,27 +13,18 @@ from lerobot.envs import EnvConfig
 from lerobot.envs.utils import FreezeAfterEpisodeEnd
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE
 
-OBSERVATION_TYPES = ("state", "pixels_agent_pos")
+from lerobot_gloves.tasks.environment import CONTROL_HZ, check_observation_type
+
 OBS_GOAL = "observation.goal"
 _KEYS = {"agent_pos": OBS_STATE, "environment_state": OBS_ENV_STATE, "goal": OBS_GOAL}
-
-
-def check_observation_type(task: str, obs_type: str) -> None:
-    """Refuse an unknown observation type.
-
-    Raises:
-        ValueError: If it is not one of `OBSERVATION_TYPES`.
-    """
-    if obs_type not in OBSERVATION_TYPES:
-        raise ValueError(f"{task} has no obs_type {obs_type!r}: choose one of {', '.join(OBSERVATION_TYPES)}")
 
 
 @dataclass
 class TaskEnv(EnvConfig):
     """Options of every task; those of its own come with its subclass.
 
-    A subclass gives `task`, `fps` and `episode_length`, the control steps until a timeout, their values, and names the
-    class attributes below; an observation of its environment holds `agent_pos`, `goal` and either `environment_state`
+    A subclass gives `task` and `episode_length`, the control steps until a timeout, their values, and names the class
+    attributes below; an observation of its environment holds `agent_pos`, `goal` and either `environment_state`
     or `pixels`.
 
     Attributes:
@@ -46,6 +37,8 @@ class TaskEnv(EnvConfig):
         ValueError: If the observation type or rate is not one that exists.
     """
 
+    # Control rate, in steps a second; fixed.
+    fps: int = CONTROL_HZ
     # What policies observe: state, or pixels_agent_pos, where images take the place of the scene's state.
     obs_type: str = "state"
     # Height and width of frames, in pixels.
@@ -63,9 +56,8 @@ class TaskEnv(EnvConfig):
     def __post_init__(self) -> None:
         name = type(self).__name__.removesuffix("Env")
         check_observation_type(name, self.obs_type)
-        rate = type(self).fps
-        if self.fps != rate:
-            raise ValueError(f"{name} runs at {rate} frames a second, not {self.fps}")
+        if self.fps != CONTROL_HZ:
+            raise ValueError(f"{name} runs at {CONTROL_HZ} frames a second, not {self.fps}")
         seen = ["agent_pos", "goal", *(["environment_state"] if self.obs_type == "state" else [])]
         self.features = {ACTION: PolicyFeature(FeatureType.ACTION, (len(self.feature_names[ACTION]),))}
         for key in seen:

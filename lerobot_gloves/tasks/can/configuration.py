@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
-from lerobot_gloves.tasks.can.environment import CONTROL_HZ
 from lerobot_gloves.tasks.can.scene import CAMERAS, MODES, QUADRANTS, parse_mode
 from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
 
@@ -27,8 +26,6 @@ class CanEnv(TaskEnv):
 
     # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Can-v0"
-    # Control rate, in steps a second; fixed.
-    fps: int = CONTROL_HZ
     # Control steps until a timeout.
     episode_length: int = 400
     # Quadrant of every episode, as an instruction or a name such as "top left"; null lets the seed choose.

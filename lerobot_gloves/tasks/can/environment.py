@@ -2,23 +2,20 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from lerobot_gloves.tasks.can import scene
 from lerobot_gloves.tasks.can.control import OperationalSpaceControl
-from lerobot_gloves.tasks.configuration import check_observation_type
+from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
 from lerobot_gloves.tasks.panda import HOME, import_mujoco
-from lerobot_gloves.tasks.spaces import observation_space
 
-CONTROL_HZ = 20
 SETTLED_SPEED = 0.02
 """A can whose centre moves slower than this, in m/s, ..."""
 SETTLED_STEPS = 5
 """... and that no part of the hand touches, for so many control steps on end, rests."""
 
 
-class Can(gym.Env):
+class Can(Task):
     """Pick up the can and place it in the requested quadrant of the destination bin.
 
     The scene, the control at 20 Hz and the draws at the start are those of robosuite's PickPlaceCan. Episode s is for
@@ -38,13 +35,12 @@ class Can(gym.Env):
             The requested quadrant cannot be seen in them.
         goal: (4,) one-hot quadrant, in the order of `scene.QUADRANTS`.
 
-    Every `info` holds `is_success` (the can rests in the requested quadrant, and the hand has let go of it: slower
-    than `SETTLED_SPEED` and untouched for `SETTLED_STEPS`) and `failure`: "" or why the episode ended without
-    success: "dropped" (the can fell below the bins), or, at the end of time, "wrong_quadrant" (it rests in another
-    quadrant) or "timeout" (anything else). The reward is 1 at success, else 0.
+    Success: the can rests in the requested quadrant, and the hand has let go of it: slower than `SETTLED_SPEED` and
+    untouched for `SETTLED_STEPS`. Failures: "dropped" (the can fell below the bins) and, at the end of time,
+    "wrong_quadrant" (it rests in another quadrant) or "timeout" (anything else).
 
     Args:
-        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`.
+        obs_type: One of `lerobot_gloves.tasks.environment.OBSERVATION_TYPES`.
         image_size: Height and width of observed and rendered frames, in pixels.
         episode_length: Control steps until a timeout.
         mode: Quadrant of every episode, as an instruction or as a name such as "top left"; None lets the seed choose.
@@ -56,7 +52,8 @@ class Can(gym.Env):
         ValueError: If the observation type or mode is unknown.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+    action_bound = 1.0
+    action_form = "seven finite numbers"
 
     def __init__(
         self,
@@ -68,22 +65,21 @@ class Can(gym.Env):
         privileged: bool = False,
         render_mode: str = "rgb_array",
     ) -> None:
-        check_observation_type("Can", obs_type)
-        if mode is not None:
-            scene.parse_mode(mode)
-        self.render_mode = render_mode
-        self._image_size, self._fixed_mode = image_size, mode
-        self._sees_scene, self._sees_pixels = obs_type == "state" or privileged, obs_type != "state"
-        self._max_episode_steps = episode_length
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (7,), np.float32)
-        self.observation_space = observation_space(
+        super().__init__(
             state=8,
             goal=len(scene.QUADRANTS),
-            scene=9 if self._sees_scene else None,
-            cameras=scene.CAMERAS if self._sees_pixels else (),
+            scene=9,
+            actions=7,
+            cameras=scene.CAMERAS,
+            obs_type=obs_type,
             image_size=image_size,
+            episode_length=episode_length,
+            privileged=privileged,
+            render_mode=render_mode,
         )
-
+        if mode is not None:
+            scene.parse_mode(mode)
+        self._fixed_mode = mode
         self._mujoco = import_mujoco("can")
         self._model = scene.model()
         self._data = self._mujoco.MjData(self._model)
@@ -100,11 +96,6 @@ class Can(gym.Env):
     def task_description(self) -> str:
         """The instruction."""
         return scene.MODES[self._quadrant]
-
-    @property
-    def task(self) -> str:
-        """The same, under the other name that LeRobot asks for."""
-        return self.task_description
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -140,31 +131,15 @@ class Can(gym.Env):
         self._control.reset()
         mujoco.mj_forward(model, data)
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Simulate one twentieth of a second.
-
-        Args:
-            action: (7,), clipped to [-1, 1].
-
-        Raises:
-            ValueError: If the action is not seven finite numbers.
-        """
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape != (7,) or not np.isfinite(action).all():
-            raise ValueError(f"a CAN action is seven finite numbers, not {action.tolist()}")
-        self._simulate(np.clip(action, -1.0, 1.0))
-        self._steps += 1
+    def _advance(self, action: np.ndarray) -> tuple[bool, str]:
+        self._simulate(action)
         self._settled = self._settled + 1 if self._is_left_alone() else 0
         position = self._data.xpos[self._can]
-        quadrant = scene.quadrant_of(position) if self._settled >= SETTLED_STEPS else None
-        success = quadrant == self._quadrant
-        failure = "dropped" if position[2] < scene.DESTINATION_BIN[2] else ""
-        terminated = success or bool(failure)
-        truncated = not terminated and self._steps >= self._max_episode_steps
-        if truncated:
-            failure = "timeout" if quadrant is None else "wrong_quadrant"
-        info = {"is_success": success, "failure": failure}
-        return self._observation(), float(success), terminated, truncated, info
+        self._rests_in = scene.quadrant_of(position) if self._settled >= SETTLED_STEPS else None
+        return self._rests_in == self._quadrant, "dropped" if position[2] < scene.DESTINATION_BIN[2] else ""
+
+    def _out_of_time(self) -> str:
+        return "timeout" if self._rests_in is None else "wrong_quadrant"
 
     def _simulate(self, action: np.ndarray) -> None:
         mujoco, model, data = self._mujoco, self._model, self._data
@@ -182,28 +157,21 @@ class Can(gym.Env):
         touched = (self._is_robot[geoms].any(axis=1) & self._is_can[geoms].any(axis=1)).any()
         return not touched and float(np.linalg.norm(self._data.qvel[scene.CAN_VELOCITY])) < SETTLED_SPEED
 
-    def _observation(self) -> dict[str, Any]:
-        data = self._data
-        grip, can = data.site_xpos[self._grip], data.xpos[self._can]
+    def _agent_pos(self) -> np.ndarray:
         orientation = np.zeros(4)
-        self._mujoco.mju_mat2Quat(orientation, data.site_xmat[self._grip])
+        self._mujoco.mju_mat2Quat(orientation, self._data.site_xmat[self._grip])
         if orientation[1] + orientation[2] < 0:
             orientation = -orientation
-        width = -np.diff(data.qpos[scene.FINGERS])
-        observation: dict[str, Any] = {
-            "agent_pos": np.concatenate([grip, orientation, width]).astype(np.float32),
-            "goal": np.eye(4, dtype=np.float32)[self._quadrant],
-        }
-        if self._sees_scene:
-            axis = data.xmat[self._can].reshape(3, 3)[:, 2]
-            observation["environment_state"] = np.concatenate([can, axis, can - grip]).astype(np.float32)
-        if self._sees_pixels:
-            observation["pixels"] = {name: self._draw(name) for name in scene.CAMERAS}
-        return observation
+        width = -np.diff(self._data.qpos[scene.FINGERS])
+        return np.concatenate([self._data.site_xpos[self._grip], orientation, width])
+
+    def _environment_state(self) -> np.ndarray:
+        can = self._data.xpos[self._can]
+        axis = self._data.xmat[self._can].reshape(3, 3)[:, 2]
+        return np.concatenate([can, axis, can - self._data.site_xpos[self._grip]])
+
+    def _goal(self) -> np.ndarray:
+        return np.eye(4, dtype=np.float32)[self._quadrant]
 
     def _draw(self, camera: str) -> np.ndarray:
         return scene.draw(self._data.qpos, camera, self._image_size)
-
-    def render(self) -> np.ndarray:
-        """The third-person camera's frame (image_size, image_size, 3), uint8 RGB."""
-        return self._draw("third_person")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
-from lerobot_gloves.tasks.charger.environment import CAMERAS, CONTROL_HZ, TASK, check_hidden
+from lerobot_gloves.tasks.charger.environment import CAMERAS, TASK, check_hidden
 from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
 
 if TYPE_CHECKING:
@@ -35,8 +35,6 @@ class ChargerEnv(TaskEnv):
 
     # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Charger-v0"
-    # Control rate, in steps a second; fixed.
-    fps: int = CONTROL_HZ
     # Control steps until a timeout.
     episode_length: int = 300
     # Leave the receptacle out of observation.environment_state: the ablation in which only the goal, hence only the

@@ -2,15 +2,12 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from lerobot_gloves.tasks.charger import drawing
 from lerobot_gloves.tasks.charger.scene import Scene, gripping, is_plugged_in, offset, pose_vector
-from lerobot_gloves.tasks.configuration import check_observation_type
-from lerobot_gloves.tasks.spaces import observation_space
+from lerobot_gloves.tasks.environment import Task
 
-CONTROL_HZ = 20
 CAMERAS = ("wrist",)
 TASK = "Plug the charger into the receptacle."
 
@@ -25,7 +22,7 @@ def check_hidden(obs_type: str, hide_receptacle: bool) -> None:
         raise ValueError(f"Charger hides the receptacle with obs_type state only, not {obs_type}: pictures show it")
 
 
-class Charger(gym.Env):
+class Charger(Task):
     """Pick up the charger and plug it into the receptacle, with half a millimetre to spare on either side.
 
     The scene, its draws, the control at 20 Hz and the test of success are those of ManiSkill's PlugCharger-v1.
@@ -48,11 +45,10 @@ class Charger(gym.Env):
     How far one thing is from another is `scene.offset`. A pose is a position (metres) and a quaternion (w, x, y, z),
     the tool's with x >= 0, the receptacle's with z >= 0, the others' with w >= 0.
 
-    Every `info` holds `is_success` (the charger is within 5 mm and 0.2 rad of the goal) and `failure`: "" or, at the
-    end of time, "timeout". The reward is 1 at success, else 0.
+    Success: the charger is within 5 mm and 0.2 rad of the goal. The one failure is "timeout".
 
     Args:
-        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`; pixels need a Vulkan driver.
+        obs_type: One of `lerobot_gloves.tasks.environment.OBSERVATION_TYPES`; pixels need a Vulkan driver.
         image_size: Height and width of observed and rendered frames, in pixels.
         episode_length: Control steps until a timeout.
         hide_receptacle: Whether `environment_state` leaves the receptacle out.
@@ -64,7 +60,8 @@ class Charger(gym.Env):
         RuntimeError: If pixels are asked for and no Vulkan driver can draw them.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+    action_bound = 1.0
+    action_form = "eight finite numbers"
 
     def __init__(
         self,
@@ -76,32 +73,27 @@ class Charger(gym.Env):
         privileged: bool = False,
         render_mode: str = "rgb_array",
     ) -> None:
-        check_observation_type("Charger", obs_type)
-        check_hidden(obs_type, hide_receptacle)
-        self.render_mode = render_mode
-        self._image_size, self._hide_receptacle = image_size, hide_receptacle
-        self._sees_scene, self._sees_pixels = obs_type == "state" or privileged, obs_type != "state"
-        self._max_episode_steps = episode_length
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (8,), np.float32)
-        self.observation_space = observation_space(
+        super().__init__(
             state=25,
             goal=20 if hide_receptacle else 14,
             goal_range=(-np.inf, np.inf),
-            scene=(13 if hide_receptacle else 26) if self._sees_scene else None,
-            cameras=CAMERAS if self._sees_pixels else (),
+            scene=13 if hide_receptacle else 26,
+            actions=8,
+            cameras=CAMERAS,
+            obs_type=obs_type,
             image_size=image_size,
+            episode_length=episode_length,
+            privileged=privileged,
+            render_mode=render_mode,
         )
+        check_hidden(obs_type, hide_receptacle)
+        self._hide_receptacle = hide_receptacle
         self._scene = Scene()
         self._begin(0)
 
     @property
     def task_description(self) -> str:
         """The instruction, the same in every episode."""
-        return TASK
-
-    @property
-    def task(self) -> str:
-        """The same, under the other name that LeRobot asks for."""
         return TASK
 
     def reset(
@@ -121,50 +113,34 @@ class Charger(gym.Env):
         self._steps = 0
         self._scene.reset(seed)
         self._receptacle = pose_vector(self._scene.receptacle, 3)
-        self._goal = np.concatenate([self._receptacle, pose_vector(self._scene.goal, 0)]).astype(np.float32)
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Simulate one twentieth of a second.
+    def _advance(self, action: np.ndarray) -> tuple[bool, str]:
+        self._scene.step(action.astype(np.float32))
+        return is_plugged_in(self._scene.charger, self._scene.goal), ""
 
-        Args:
-            action: (8,), clipped to [-1, 1].
+    def _agent_pos(self) -> np.ndarray:
+        scene = self._scene
+        return np.concatenate([scene.joint_positions, scene.joint_velocities, pose_vector(scene.tool, 1)])
 
-        Raises:
-            ValueError: If the action is not eight finite numbers.
-        """
-        action = np.asarray(action, dtype=np.float32)
-        if action.shape != (8,) or not np.isfinite(action).all():
-            raise ValueError(f"a Charger action is eight finite numbers, not {action.tolist()}")
-        self._scene.step(action.clip(-1.0, 1.0))
-        self._steps += 1
-        success = is_plugged_in(self._scene.charger, self._scene.goal)
-        truncated = not success and self._steps >= self._max_episode_steps
-        info = {"is_success": success, "failure": "timeout" if truncated else ""}
-        return self._observation(), float(success), success, truncated, info
+    def _environment_state(self) -> np.ndarray:
+        charger = self._scene.charger
+        seen = [pose_vector(charger, 0), offset(self._scene.tool, gripping(charger))]
+        return np.concatenate(seen if self._hide_receptacle else [*seen, self._receptacle, self._missing()])
 
-    def _observation(self) -> dict[str, Any]:
-        scene, hidden = self._scene, self._hide_receptacle
-        state = np.concatenate([scene.joint_positions, scene.joint_velocities, pose_vector(scene.tool, 1)])
-        missing = offset(scene.charger, scene.goal)
-        goal = np.concatenate([self._goal, missing]) if hidden else self._goal
-        observation: dict[str, Any] = {
-            "agent_pos": state.astype(np.float32),
-            "goal": goal.astype(np.float32),
-        }
-        if self._sees_scene:
-            seen = [pose_vector(scene.charger, 0), offset(scene.tool, gripping(scene.charger))]
-            seen += [] if hidden else [self._receptacle, missing]
-            observation["environment_state"] = np.concatenate(seen).astype(np.float32)
-        if self._sees_pixels:
-            observation["pixels"] = {"wrist": self._draw("wrist")}
-        return observation
+    def _goal(self) -> np.ndarray:
+        goal = [self._receptacle, pose_vector(self._scene.goal, 0)]
+        return np.concatenate([*goal, self._missing()] if self._hide_receptacle else goal).astype(np.float32)
+
+    def _missing(self) -> np.ndarray:
+        """How far the charger is from the goal."""
+        return offset(self._scene.charger, self._scene.goal)
 
     def _draw(self, camera: str) -> np.ndarray:
         return drawing.draw(self._scene, camera, self._image_size)
 
     def render(self) -> np.ndarray:
         """The third-person camera's frame (image_size, image_size, 3), uint8 RGB; black without a Vulkan driver."""
-        if not self._sees_pixels and drawing.missing_driver():
+        if not self._cameras and drawing.missing_driver():
             # LeRobot's commands film whatever they evaluate, and states need no driver.
             return drawing.blank(self._image_size)
-        return self._draw("third_person")
+        return super().render()

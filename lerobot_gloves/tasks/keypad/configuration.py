@@ -7,7 +7,6 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
-from lerobot_gloves.tasks.keypad.environment import CONTROL_HZ
 from lerobot_gloves.tasks.keypad.scene import CAMERAS, CODES, PRESSES, check_mode
 
 if TYPE_CHECKING:
@@ -29,8 +28,6 @@ class KeypadEnv(TaskEnv):
 
     # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Keypad-v0"
-    # Control rate, in steps a second; fixed.
-    fps: int = CONTROL_HZ
     # Control steps until a timeout.
     episode_length: int = 1000
     # What an episode is: code, three presses, or press, a single one.

@@ -2,15 +2,12 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from lerobot_gloves.tasks.configuration import check_observation_type
+from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
 from lerobot_gloves.tasks.keypad import scene
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
-from lerobot_gloves.tasks.spaces import observation_space
 
-CONTROL_HZ = 20
 MAX_DELTA = 0.01
 """Largest set-point displacement of one action, in metres an axis."""
 
@@ -18,7 +15,7 @@ FROM_HOME = 0.1
 """Share of the press episodes that begin at home, with no button pressed before."""
 
 
-class Keypad(gym.Env):
+class Keypad(Task):
     """Enter a code of three buttons with a stylus, or press one button.
 
     An action (3,) moves the set-point of the stylus's tip by (dx, dy, dz) metres; it is clipped to +-`MAX_DELTA` an
@@ -41,12 +38,11 @@ class Keypad(gym.Env):
             Which button is due cannot be seen in them.
         goal: (9,) one-hot button that is due now; it moves on at each press.
 
-    Every `info` holds `is_success` (all was entered in order) and `failure`: "" or why the episode ended without
-    success: "wrong_button" (another button than the one due fired), "collision" (the stylus touched the frame or
-    the plate below) or "timeout". The reward is 1 at success, else 0.
+    Success: all was entered in order. Failures: "wrong_button" (another button than the one due fired), "collision"
+    (the stylus touched the frame or the plate below) and "timeout".
 
     Args:
-        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`.
+        obs_type: One of `lerobot_gloves.tasks.environment.OBSERVATION_TYPES`.
         image_size: Height and width of observed and rendered frames, in pixels.
         episode_length: Control steps until a timeout.
         episode: "code" or "press".
@@ -58,7 +54,8 @@ class Keypad(gym.Env):
         ValueError: If the observation type, episode or mode is unknown.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+    action_bound = MAX_DELTA
+    action_form = "three finite numbers (dx, dy, dz) in metres"
 
     def __init__(
         self,
@@ -70,23 +67,20 @@ class Keypad(gym.Env):
         mode: str | None = None,
         render_mode: str = "rgb_array",
     ) -> None:
-        check_observation_type("Keypad", obs_type)
-        scene.check_mode(episode, mode)
-        self.render_mode = render_mode
-        self._obs_type, self._image_size = obs_type, image_size
-        self._episode, self._fixed_mode = episode, mode
-        self._max_episode_steps = episode_length
-        self.action_space = gym.spaces.Box(-MAX_DELTA, MAX_DELTA, (3,), np.float32)
         buttons = len(scene.BUTTONS)
-        told = obs_type == "state"
-        self.observation_space = observation_space(
+        super().__init__(
             state=9,
             goal=buttons,
-            scene=2 * buttons if told else None,
-            cameras=() if told else scene.CAMERAS,
+            scene=2 * buttons,
+            actions=3,
+            cameras=scene.CAMERAS,
+            obs_type=obs_type,
             image_size=image_size,
+            episode_length=episode_length,
+            render_mode=render_mode,
         )
-
+        scene.check_mode(episode, mode)
+        self._episode, self._fixed_mode = episode, mode
         self._mujoco = import_mujoco("keypad")
         self._model = scene.model()
         self._data = self._mujoco.MjData(self._model)
@@ -101,11 +95,6 @@ class Keypad(gym.Env):
     @property
     def task_description(self) -> str:
         """The requested code, such as "4 0 8", or the button to press."""
-        return self._mode
-
-    @property
-    def task(self) -> str:
-        """The same, under the other name that LeRobot asks for."""
         return self._mode
 
     def reset(
@@ -162,27 +151,9 @@ class Keypad(gym.Env):
         if rng.random() < 0.5:
             self._lights[other] = True
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Move the set-point and simulate one twentieth of a second, or less if the episode ends before.
-
-        Args:
-            action: (3,) displacement of the set-point, metres.
-
-        Raises:
-            ValueError: If the action is not three finite numbers.
-        """
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape != (3,) or not np.isfinite(action).all():
-            raise ValueError(f"a Keypad action is three finite numbers (dx, dy, dz) in metres, not {action.tolist()}")
-        failure = self._move(np.clip(action, -MAX_DELTA, MAX_DELTA))
-        self._steps += 1
-        success = not self._due
-        terminated = success or bool(failure)
-        truncated = not terminated and self._steps >= self._max_episode_steps
-        if truncated:
-            failure = "timeout"
-        info = {"is_success": success, "failure": failure}
-        return self._observation(), float(success), terminated, truncated, info
+    def _advance(self, action: np.ndarray) -> tuple[bool, str]:
+        failure = self._move(action)
+        return not self._due, failure
 
     def _move(self, delta: np.ndarray) -> str:
         """Simulate one control step, or the part of it after which nothing is due or all is lost; returns why it is."""
@@ -207,23 +178,19 @@ class Keypad(gym.Env):
     def _touches_frame(self) -> bool:
         return bool(self._is_frame[self._data.contact.geom].any())
 
-    def _observation(self) -> dict[str, Any]:
+    def _agent_pos(self) -> np.ndarray:
         velocity = np.zeros(6)  # angular, then linear
         site = self._mujoco.mjtObj.mjOBJ_SITE
         self._mujoco.mj_objectVelocity(self._model, self._data, site, self._tip, velocity, 0)
+        return np.concatenate([self._data.site_xpos[self._tip], self._set_point, velocity[3:]])
+
+    def _environment_state(self) -> np.ndarray:
+        return np.concatenate([self._travels, self._lights])
+
+    def _goal(self) -> np.ndarray:
         goal = np.zeros(len(scene.BUTTONS), dtype=np.float32)
         goal[self._due[:1]] = 1.0
-        state = np.concatenate([self._data.site_xpos[self._tip], self._set_point, velocity[3:]])
-        observation: dict[str, Any] = {"agent_pos": state.astype(np.float32), "goal": goal}
-        if self._obs_type == "state":
-            observation["environment_state"] = np.concatenate([self._travels, self._lights]).astype(np.float32)
-        else:
-            observation["pixels"] = {camera: self._draw(camera) for camera in scene.CAMERAS}
-        return observation
-
-    def render(self) -> np.ndarray:
-        """The third-person camera's frame (image_size, image_size, 3), uint8 RGB."""
-        return self._draw(scene.CAMERAS[0])
+        return goal
 
     def _draw(self, camera: str) -> np.ndarray:
         return scene.draw(self._data.qpos, self._lights, camera, self._image_size)

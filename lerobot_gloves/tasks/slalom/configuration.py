@@ -7,7 +7,6 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
-from lerobot_gloves.tasks.slalom.environment import CONTROL_HZ
 from lerobot_gloves.tasks.slalom.scene import CAMERA, GAPS, MODES, PILLARS, parse_mode
 
 if TYPE_CHECKING:
@@ -27,8 +26,6 @@ class SlalomEnv(TaskEnv):
 
     # Name of the Gymnasium environment below "gloves/".
     task: str | None = "Slalom-v0"
-    # Control rate, in steps a second; fixed.
-    fps: int = CONTROL_HZ
     # Control steps until a timeout.
     episode_length: int = 300
     # Corridor of every episode, such as "0 2 3"; null lets the seed choose.

@@ -2,20 +2,17 @@
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from lerobot_gloves.tasks.configuration import check_observation_type
+from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
 from lerobot_gloves.tasks.slalom import scene
-from lerobot_gloves.tasks.spaces import observation_space
 
-CONTROL_HZ = 20
 MAX_DELTA = 0.01
 """Largest set-point displacement of one action, in metres an axis."""
 
 
-class Slalom(gym.Env):
+class Slalom(Task):
     """Steer a rod through the requested gap of each of three rows of pillars.
 
     An action (2,) moves the set-point of the rod's tip by (dx, dy) metres; it is clipped to +-`MAX_DELTA` an axis,
@@ -29,12 +26,11 @@ class Slalom(gym.Env):
             corridor cannot be seen in it.
         goal: (9,) one-hot gaps of the three rows, 2 + 3 + 4.
 
-    Every `info` holds `is_success` (the tip passed y = 0.35 through the requested corridor) and `failure`: "" or
-    why the episode ended without success: "collision" (the rod touched a pillar), "wrong_corridor" (it passed a
-    row through another gap) or "timeout". The reward is 1 at success, else 0.
+    Success: the tip passed y = 0.35 through the requested corridor. Failures: "collision" (the rod touched a pillar),
+    "wrong_corridor" (it passed a row through another gap) and "timeout".
 
     Args:
-        obs_type: One of `lerobot_gloves.tasks.configuration.OBSERVATION_TYPES`.
+        obs_type: One of `lerobot_gloves.tasks.environment.OBSERVATION_TYPES`.
         image_size: Height and width of observed and rendered frames, in pixels.
         episode_length: Control steps until a timeout.
         mode: Corridor of every episode, such as "0 2 3"; None lets the seed choose. `options={"mode": ...}` of
@@ -45,7 +41,9 @@ class Slalom(gym.Env):
         ValueError: If the observation type or mode is unknown.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}
+    action_bound = MAX_DELTA
+    action_form = "two finite numbers (dx, dy) in metres"
+    viewpoint = scene.CAMERA
 
     def __init__(
         self,
@@ -56,22 +54,20 @@ class Slalom(gym.Env):
         mode: str | None = None,
         render_mode: str = "rgb_array",
     ) -> None:
-        check_observation_type("Slalom", obs_type)
-        if mode is not None:
-            scene.parse_mode(mode)
-        self.render_mode = render_mode
-        self._obs_type, self._image_size, self._fixed_mode = obs_type, image_size, mode
-        self._max_episode_steps = episode_length
-        self.action_space = gym.spaces.Box(-MAX_DELTA, MAX_DELTA, (2,), np.float32)
-        told = obs_type == "state"
-        self.observation_space = observation_space(
+        super().__init__(
             state=4,
             goal=sum(scene.GAPS),
-            scene=scene.PILLARS.size if told else None,
-            cameras=() if told else (scene.CAMERA,),
+            scene=scene.PILLARS.size,
+            actions=2,
+            cameras=(scene.CAMERA,),
+            obs_type=obs_type,
             image_size=image_size,
+            episode_length=episode_length,
+            render_mode=render_mode,
         )
-
+        if mode is not None:
+            scene.parse_mode(mode)
+        self._fixed_mode = mode
         self._mujoco = import_mujoco("slalom")
         self._model = scene.model()
         self._data = self._mujoco.MjData(self._model)
@@ -83,11 +79,6 @@ class Slalom(gym.Env):
     @property
     def task_description(self) -> str:
         """The requested corridor, such as "0 2 3"."""
-        return self._mode
-
-    @property
-    def task(self) -> str:
-        """The same, under the other name that LeRobot asks for."""
         return self._mode
 
     def reset(
@@ -113,9 +104,6 @@ class Slalom(gym.Env):
     def _begin(self, mode: str) -> None:
         self._gaps = scene.parse_mode(mode)
         self._mode = mode
-        self._goal = np.concatenate(
-            [np.eye(n, dtype=np.float32)[i] for n, i in zip(scene.GAPS, self._gaps, strict=True)]
-        )
         self._steps = 0
         self._set_point = scene.START.copy()
         self._joints = scene.start_joints()
@@ -124,33 +112,14 @@ class Slalom(gym.Env):
         self._data.ctrl[:] = self._joints
         self._mujoco.mj_forward(self._model, self._data)
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Move the set-point and simulate one twentieth of a second.
-
-        Args:
-            action: (2,) displacement of the set-point, metres.
-
-        Raises:
-            ValueError: If the action is not two finite numbers.
-        """
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape != (2,) or not np.isfinite(action).all():
-            raise ValueError(f"a Slalom action is two finite numbers (dx, dy) in metres, not {action.tolist()}")
+    def _advance(self, action: np.ndarray) -> tuple[bool, str]:
         before = self._tip_xy()
-        collision = self._move(np.clip(action, -MAX_DELTA, MAX_DELTA))
-        self._steps += 1
+        failure = "collision" if self._move(action) else ""
         after = self._tip_xy()
-        failure = "collision" if collision else ""
         for row, y in enumerate(scene.ROW_Y):
             if not failure and before[1] < y <= after[1] and scene.gap_of(row, after[0]) != self._gaps[row]:
                 failure = "wrong_corridor"
-        success = not failure and bool(after[1] > scene.GOAL_Y)
-        terminated = success or bool(failure)
-        truncated = not terminated and self._steps >= self._max_episode_steps
-        if truncated:
-            failure = "timeout"
-        info = {"is_success": success, "failure": failure}
-        return self._observation(), float(success), terminated, truncated, info
+        return not failure and bool(after[1] > scene.GOAL_Y), failure
 
     def _move(self, delta: np.ndarray) -> bool:
         """Simulate one control step; True if the rod touched a pillar at any moment of it."""
@@ -167,17 +136,15 @@ class Slalom(gym.Env):
     def _tip_xy(self) -> np.ndarray:
         return self._data.site_xpos[self._tip, :2].copy()
 
-    def _observation(self) -> dict[str, Any]:
-        observation: dict[str, Any] = {
-            "agent_pos": np.concatenate([self._set_point, self._tip_xy()]).astype(np.float32),
-            "goal": self._goal.copy(),
-        }
-        if self._obs_type == "state":
-            observation["environment_state"] = scene.PILLARS.astype(np.float32).ravel()
-        else:
-            observation["pixels"] = {scene.CAMERA: self.render()}
-        return observation
+    def _agent_pos(self) -> np.ndarray:
+        return np.concatenate([self._set_point, self._tip_xy()])
 
-    def render(self) -> np.ndarray:
-        """The front camera's frame (image_size, image_size, 3), uint8 RGB."""
+    def _environment_state(self) -> np.ndarray:
+        return scene.PILLARS.ravel()
+
+    def _goal(self) -> np.ndarray:
+        gaps = [np.eye(n, dtype=np.float32)[i] for n, i in zip(scene.GAPS, self._gaps, strict=True)]
+        return np.concatenate(gaps)
+
+    def _draw(self, camera: str) -> np.ndarray:
         return scene.draw(self._data.qpos, self._image_size)
