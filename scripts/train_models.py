@@ -1,7 +1,8 @@
 """Make all models that a task's benchmark needs, from nothing: `python scripts/train_models.py --task=keypad`.
 
 Demonstrations, agent, expert flow and the two baselines; then the agent's own proposals under each perturbation of
-configs/bench/<task>.yaml, and the align flow on all of them; calibrations. Run again, it goes on where it stopped.
+configs/bench/<task>.yaml, and the align flow on all of them; calibrations. What that file does not name is left out.
+Run again, it goes on where it stopped.
 Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
 """
 
@@ -26,7 +27,7 @@ class Models:
     """The commands that make one task's models.
 
     Args:
-        task: Its name in configs/.
+        task: Name of its file in configs/bench/.
         steps: Optimiser steps of each training; None for what the configurations say.
         num_workers: Processes of a recording.
     """
@@ -35,10 +36,11 @@ class Models:
         self.task, self.steps, self.num_workers = task, steps, num_workers
         self.root = Path("outputs") / task
         benchmark = Path(f"configs/bench/{task}.yaml").read_text()
-        setting = yaml.safe_load(benchmark)["tasks"][task]
-        # Slalom's agent and expert flow ship with the package.
-        self.needed = [m for m in MODELS if m == "csa_teacher" or f"{self.root}/{m}/" in benchmark]
-        self.env = [f"--env.{key}={value}" for key, value in setting["env"].items()]
+        (setting,) = yaml.safe_load(benchmark)["tasks"].values()
+        # Slalom's agent and expert flow ship with the package; a student has a teacher, which no benchmark names.
+        self.needed = [m for m in MODELS if f"{self.root}/{m.replace('teacher', 'student')}/" in benchmark]
+        self.config = setting["env"]["type"].removeprefix("gloves_")
+        self.env = [f"--env.{key}={json.dumps(value).strip('"')}" for key, value in setting["env"].items()]
         self.agent = setting["agent"]
         self.perturbations = {k: v for k, v in setting["perturbations"].items() if k in SOURCES}
 
@@ -65,7 +67,7 @@ class Models:
     def train(self, model: str, data: str = "state", *options: str) -> list[Job]:
         """A training run, from its last checkpoint on if it has one."""
         folder, last = self.root / model, self.checkpoint(model)
-        source = Path(f"configs/cpu/{self.task}_{model}.yaml")
+        source = Path(f"configs/cpu/{self.config}_{model}.yaml")
         wanted = self.steps or yaml.safe_load(source.read_text())["steps"]
         if done := steps_done(folder):
             if done >= wanted:
@@ -125,7 +127,8 @@ class Models:
 def main() -> None:
     """Parse the arguments and make the models."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    tasks = sorted(path.stem for path in Path("configs/bench").glob("*.yaml") if "_" not in path.stem)
+    stems = {path.stem for path in Path("configs/bench").glob("*.yaml")}
+    tasks = sorted(stem for stem in stems if not stem.endswith(("_search", "_chosen")))
     parser.add_argument("--task", required=True, choices=tasks)
     parser.add_argument("--models", nargs="+", choices=MODELS, default=list(MODELS), help="which; by default all")
     parser.add_argument("--steps", type=int, help="optimiser steps of each training, instead of the configurations'")

@@ -1,5 +1,6 @@
 """The shipped matrices: valid to the last option, though their checkpoints are not here."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -52,7 +53,9 @@ TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
 """Episodes of a seed in the paper."""
 
 
-@pytest.mark.parametrize("name", [f"{task}{kind}.yaml" for task in TASKS for kind in ("", "_search")])
+@pytest.mark.parametrize(
+    "name", [*(f"{task}{kind}.yaml" for task in TASKS for kind in ("", "_search")), "charger_hidden.yaml"]
+)
 def test_every_cell_is_valid(name: str) -> None:
     config = read(name)
     shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
@@ -69,6 +72,22 @@ def test_the_benchmark_has_the_papers_columns_on_ten_seeds(task: str, episodes: 
     config = read(f"{task}.yaml")
     assert list(config.tasks[task].methods) == list(COLUMNS)
     assert (config.seeds, config.episodes, config.split) == (list(range(10)), episodes, "test")
+
+
+def test_the_ablation_is_the_benchmark_with_the_receptacle_hidden() -> None:
+    ablation, benchmark = read("charger_hidden.yaml"), read("charger.yaml")
+    assert (ablation.seeds, ablation.episodes, ablation.split) == (benchmark.seeds, benchmark.episodes, benchmark.split)
+    hidden, shown = ablation.tasks["charger"], benchmark.tasks["charger"]
+    assert hidden.env == replace(shown.env, hide_receptacle=True)
+    assert hidden.perturbations == shown.perturbations
+    for label, method in hidden.methods.items():
+        expected = shown.methods[label]
+        assert (method.editor, method.gate, method.score, method.alpha) == (
+            expected.editor,
+            expected.gate,
+            expected.score,
+            expected.alpha,
+        )
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -70,6 +70,17 @@ def test_slaloms_pair_ships(made):
     assert made[1:4] == ["ddpm_assist", "csa_teacher", "csa_student"]
 
 
+def test_an_ablation_is_trained_in_its_own_environment_by_its_tasks_configurations(made):
+    models = Models("charger_hidden", None, 1)
+    [job] = models.record("state")
+    assert {"--env.type=gloves_charger", "--env.hide_receptacle=true"} < set(job.command)
+    [job] = models.train("agent")
+    assert "--config_path=configs/cpu/charger_agent.yaml" in job.command
+    assert "--output_dir=outputs/charger_hidden/agent" in job.command
+    models.make(list(train_models.MODELS))
+    assert made == ["recording state", "agent", "expert_flow", "calibration of expert_flow"]
+
+
 def test_a_training_goes_on_from_its_last_checkpoint(made):
     run = Path("outputs/keypad/agent")
     write_checkpoint(run, 2000)
