@@ -1,5 +1,6 @@
 """One cell of the benchmark: a task, a perturbation, a method, a seed."""
 
+import gc
 import io
 import logging
 import os
@@ -274,6 +275,8 @@ def environment(setup: Setup) -> Iterator[gym.vector.SyncVectorEnv]:
     Raises:
         ValueError: If they are several tasks, or run in processes of their own.
     """
+    # The last cell's may refer to themselves, and hold what Python does not see the size of: a simulator's memory.
+    gc.collect()
     envs = make_env(setup.env, n_envs=setup.batch_size, use_async_envs=False)
     try:
         found = [env for suite in envs.values() for env in suite.values()]
