@@ -2,8 +2,7 @@
 
 Demonstrations, agent, expert flow and the two baselines; then the agent's own proposals under each perturbation of
 configs/bench/<task>.yaml, and the align flow on all of them; calibrations. What that file does not name is left out.
-Run again, it goes on where it stopped.
-Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
+Run again, it goes on where it stopped. Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
 """
 
 import argparse
