@@ -166,6 +166,18 @@ def resolve_method(setup: Setup, method: str) -> dict[str, Any]:
     return {**resolved, "options": setup.options} if setup.options else resolved
 
 
+def agent_flow(setup: Setup, method: str, perturbation: str) -> str | None:
+    """The second checkpoint that a cell's adapter takes v_u from, a folder or Hub id; None if there is none.
+
+    Raises:
+        ValueError: If the adapter has no such options as the cell's method gives it.
+    """
+    if setup.adapter is None or method == NONE:
+        return None
+    overrides = told_options(setup.options, perturbation).get("adapter_overrides", ())
+    return getattr(checkpoint_config("adapter", setup.adapter, overrides), "agent_flow", None)
+
+
 def checkpoint_config(option: str, checkpoint: str, overrides: Sequence[str] = ()) -> PreTrainedConfig:
     """The configuration of the policy that an option names, with options such as `--guidance=2` over it.
 

@@ -18,6 +18,7 @@ from lerobot_gloves.benchmark.cell import (
     NONE,
     Cell,
     Setup,
+    agent_flow,
     checkpoint_config,
     resolve_method,
     resolve_perturbation,
@@ -52,6 +53,7 @@ def plan(matrix: Iterable[tuple[Setup, Cell]]) -> list[Job]:
         ValueError: If a cell is not valid, the message lists what is; or if the rows of two would lie in one file.
     """
     content, config = functools.cache(checkpoint_hash), functools.cache(checkpoint_config)
+    second_checkpoint = functools.cache(agent_flow)
 
     @functools.cache
     def without_perturbation(setup: Setup, method: str) -> Conditions:
@@ -72,6 +74,12 @@ def plan(matrix: Iterable[tuple[Setup, Cell]]) -> list[Job]:
         if file in jobs:
             raise ValueError(f"{jobs[file].cell} and {cell} have the same name: label them differently")
         own = {**without_perturbation(setup, cell.method), "perturbation": resolve_perturbation(cell.perturbation)}
+        try:
+            second = second_checkpoint(setup, cell.method, cell.perturbation)
+        except ValueError as error:
+            raise ValueError(f"{' / '.join([*filter(None, [cell.task]), cell.column])}: {error}") from error
+        if second is not None:
+            own["agent_flow"] = content(second)
         jobs[file] = Job(setup, cell, json.loads(json.dumps(own, default=str)))
     return list(jobs.values())
 
@@ -162,10 +170,12 @@ def finished_cells(folder: Path, jobs: Sequence[Job]) -> set[Cell]:
     shared: dict[str, Conditions] = {}
     lines: dict[tuple[str, str], Conditions] = {}
     columns: dict[tuple[str, str], Conditions] = {}
+    both: dict[tuple[str, str, str], Conditions] = {}
     for job in jobs:
         task, own = job.cell.task, {key: value for key, value in job.conditions.items() if key not in SHARED}
         shared[task] = {key: job.conditions[key] for key in SHARED}
         lines[task, job.cell.line] = {"perturbation": own.pop("perturbation")}
+        both[task, job.cell.line, job.cell.column] = {"agent_flow": own.pop("agent_flow", None)}
         columns[task, job.cell.column] = own
     done = set()
     for row in read_rows(folder):
@@ -175,8 +185,12 @@ def finished_cells(folder: Path, jobs: Sequence[Job]) -> set[Cell]:
             **shared.get(cell.task, {}),
             **lines.get((cell.task, cell.line), {}),
             **columns.get((cell.task, cell.column), {}),
+            **both.get((cell.task, cell.line, cell.column), {}),
         }
-        different = [f"{key}={there.get(key)}" for key in here if here[key] != there.get(key)]
+        # What a column's rows were made with and it has no longer counts too.
+        gone = there.keys() - {"perturbation", "agent_flow"} if (cell.task, cell.column) in columns else set()
+        names = [*here, *sorted(gone - here.keys())]
+        different = [f"{name}={there.get(name)}" for name in names if here.get(name) != there.get(name)]
         if different:
             raise ValueError(
                 f"{folder} holds a row of {cell} made with {', '.join(different)}: "

@@ -166,12 +166,14 @@ def _check_made_alike(rows: Sequence[Row]) -> None:
     """Refuse to put what was made in different ways into one line or column."""
     lines: dict[str, Any] = {}
     columns: dict[str, Any] = {}
+    both: dict[str, Any] = {}
     for row in rows:
         conditions = {key: value for key, value in row["conditions"].items() if key not in SHARED}
-        perturbation = conditions.pop("perturbation", None)
+        perturbation, agent_flow = conditions.pop("perturbation", None), conditions.pop("agent_flow", None)
         for known, name, here in (
             (lines, line(row), perturbation),
             (columns, column(row), conditions),
+            (both, f"{line(row)} / {column(row)}", agent_flow),
         ):
             if known.setdefault(name, here) != here:
                 raise ValueError(f"rows of {name!r} were made in two ways, {known[name]} and {here}: report them apart")

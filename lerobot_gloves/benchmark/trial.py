@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import gymnasium as gym
 
-from lerobot_gloves.benchmark.cell import GATE, NONE, checkpoint_config, environment, load
+from lerobot_gloves.benchmark.cell import GATE, NONE, environment, load
 from lerobot_gloves.benchmark.options import told_options
 from lerobot_gloves.benchmark.rollout import act
 from lerobot_gloves.benchmark.rows import Job
@@ -43,8 +43,6 @@ def try_out(job: Job, env: gym.vector.SyncVectorEnv) -> None:
     """
     options = told_options(job.setup.options, job.cell.perturbation)
     setup, editor = replace(job.setup, options=options), job.cell.method.removesuffix(GATE)
-    if setup.adapter is not None and editor != NONE:
-        checkpoint_config("adapter", setup.adapter, options.get("adapter_overrides", ()))
     if job.cell.method != editor:
         load(setup, replace(job.cell, perturbation=NONE))
     policy, prepare, finish = load(setup, replace(job.cell, perturbation=NONE, method=editor))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, Self
 
-from lerobot_gloves.benchmark.cell import Cell, run
+from lerobot_gloves.benchmark.cell import Cell, agent_flow, run
 from lerobot_gloves.benchmark.locks import Lock
 from lerobot_gloves.benchmark.rows import Job, Row, checkpoint_hash, make_row, row_file, write_row
 
@@ -90,7 +90,8 @@ def play(job: Job) -> Row | Failed:
     """Play a cell in this process."""
     began = time.perf_counter()
     try:
-        for name, checkpoint in (("agent", job.setup.agent), ("adapter", job.setup.adapter)):
+        second = agent_flow(job.setup, job.cell.method, job.cell.perturbation)
+        for name, checkpoint in (("agent", job.setup.agent), ("adapter", job.setup.adapter), ("agent_flow", second)):
             if checkpoint and job.conditions.get(name, (found := checkpoint_hash(checkpoint))) != found:
                 raise ValueError(f"the {name} {checkpoint} is another one here than where the run began")
         episodes = run(job.setup, job.cell)

@@ -1,5 +1,6 @@
 """The shipped matrices: valid to the last option, though their checkpoints are not here."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -112,7 +113,7 @@ def test_the_published_rows_are_those_of_the_shipped_matrix(monkeypatch: pytest.
         if row["checkpoints"][role]
     }
 
-    def config(option: str, checkpoint: str) -> SimpleNamespace:
+    def config(option: str, checkpoint: str, overrides: Sequence[str] = ()) -> SimpleNamespace:
         return SimpleNamespace(type=TYPES.get(Path(checkpoint).parts[2]))
 
     monkeypatch.setattr(rows, "checkpoint_hash", hashes.__getitem__)

@@ -9,6 +9,8 @@ import pytest
 from lerobot_gloves.benchmark.cell import Cell, Setup
 from lerobot_gloves.benchmark.rollout import Episode
 from lerobot_gloves.benchmark.rows import Job, checkpoint_hash, finished_cells, make_row, plan, read_rows, write_row
+from lerobot_gloves.benchmark.summary import summarise
+from lerobot_gloves.benchmark.workers import Failed, play
 from lerobot_gloves.tasks.slalom import SlalomEnv
 
 RAW, GATED = Cell("none", "none", 0), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", 1)
@@ -118,6 +120,36 @@ def test_what_does_not_concern_a_row_may_differ(tmp_path: Path, setup: Setup) ->
     """The raw agent's rows have no adapter, alpha or score."""
     write(tmp_path, Setup(**{**vars(setup), "adapter": None, "alpha": 0.3}), RAW)
     assert finished_cells(tmp_path, planned(setup, RAW, GATED)) == {RAW}
+
+
+def test_options_that_a_method_has_no_longer_are_a_difference(tmp_path: Path, setup: Setup) -> None:
+    guided = Setup(**{**vars(setup), "options": {"adapter_overrides": ["--guidance=2"]}})
+    write(tmp_path, guided, GATED)
+    assert finished_cells(tmp_path, planned(guided, GATED)) == {GATED}
+    for seed in (1, 2):
+        with pytest.raises(ValueError, match=r"made with options={'adapter_overrides': \['--guidance=2'\]}"):
+            finished_cells(tmp_path, planned(setup, replace(GATED, seed=seed)))
+
+
+def test_a_second_checkpoint_is_its_content(tmp_path: Path, setup: Setup, align_flow: str) -> None:
+    """Each perturbation may have one of its own."""
+    options = {"adapter_overrides": [f"--agent_flow={tmp_path}/{{perturbation}}"]}
+    setup, folder = Setup(**{**vars(setup), "options": options}), tmp_path / "rows"
+    folder.mkdir()
+    for name in ("noised", "laggy"):
+        copy = shutil.copytree(align_flow, tmp_path / name)
+        (copy / "calibration.safetensors").write_text(name)
+    noised, laggy = Cell("noised:sigma=0.005", "ifae", 0), Cell("laggy", "ifae", 0)
+    write(folder, setup, noised)
+    assert finished_cells(folder, planned(setup, noised, laggy)) == {noised}
+    write(folder, setup, laggy)
+    assert len(summarise(read_rows(folder))) == 1
+    (job,) = planned(setup, laggy)
+    (tmp_path / "laggy" / "model.safetensors").write_text("trained anew")
+    outcome = play(job)
+    assert isinstance(outcome, Failed) and "the agent_flow" in outcome.reason
+    with pytest.raises(ValueError, match=r"a row of laggy / ifae / seed 0 made with agent_flow="):
+        finished_cells(folder, planned(setup, noised, laggy))
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"cell": {"seed": 1}}', "[1]"])

@@ -35,7 +35,7 @@ def said(method: str, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (tmp_path / "bench.yaml").write_text(FILE.format(agent=agent, method=method))
     monkeypatch.setattr(workers, "run", lambda *_: pytest.fail("a cell was played"))
     line = gloves(monkeypatch, "bench", f"--config_path={tmp_path / 'bench.yaml'}", f"--output_dir={tmp_path / 'rows'}")
-    assert "\n" not in line and not list((tmp_path / "rows").iterdir())
+    assert "\n" not in line and not list(tmp_path.glob("rows/*"))
     return line
 
 
@@ -44,7 +44,7 @@ def said(method: str, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     [
         ("adapter", "editor: ifae", "ifae needs the agent's flow besides the expert's: take a gloves_align_flow"),
         # Whatever the gate would let pass.
-        ("adapter", "editor: ifae, gate: true, alpha: 0.001", "ifae needs the agent's flow besides the expert's: take"),
+        ("adapter", "editor: ifae, gate: true, alpha: 0.005", "ifae needs the agent's flow besides the expert's: take"),
         ("uncalibrated", "editor: fpas", "fpas needs a calibration, and "),
         ("uncalibrated", "editor: feeg, gate: true", "the gate needs a calibration, and "),
         (
