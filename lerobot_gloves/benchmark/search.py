@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from lerobot_gloves.benchmark import summary
 from lerobot_gloves.benchmark.markdown import markdown_table
 from lerobot_gloves.benchmark.matrix import Setting, Task
 from lerobot_gloves.benchmark.rows import Row
@@ -57,25 +58,25 @@ def check_search(tasks: Mapping[str, Task], split: str, seeds: Sequence[int], ep
     return True
 
 
-def ranking(tasks: Mapping[str, Task], rows: Sequence[Row]) -> Ranking:
-    """The settings of every method that has some; at equal success, in the order of the file.
+def ranking(tasks: Mapping[str, Task], rows: Sequence[Row], seeds: Sequence[int]) -> Ranking:
+    """The settings of every method that has some, by the rows of `seeds`; at equal success, in the order of the file.
 
-    Settings that lack rows under one of the perturbations are left out.
+    Settings that lack the row of a seed under one of the perturbations are left out.
     """
-    outcomes: dict[tuple[str, str, str], list[bool]] = defaultdict(list)
+    outcomes: dict[tuple[str, str, str], dict[int, list[bool]]] = defaultdict(dict)
     for row in rows:
         cell = row["cell"]
-        line = cell.get("perturbation_label") or cell["perturbation"]
-        key = cell.get("task", ""), line, cell.get("label") or cell["method"]
-        outcomes[key] += [episode["success"] for episode in row["episodes"]]
+        key = cell.get("task", ""), summary.line(row), summary.column(row)
+        outcomes[key][cell["seed"]] = [episode["success"] for episode in row["episodes"]]
     found: Ranking = {}
     for name, task in tasks.items():
         for label, method in task.methods.items():
             tried = []
             for setting, column in zip(method.settings, method.tried(label), strict=False):
                 played = {line: outcomes[name, line, column] for line in task.perturbations}
-                if all(played.values()):
-                    tried.append(Tried(setting, {line: fmean(here) for line, here in played.items()}))
+                if all(played[line].keys() >= set(seeds) for line in played):
+                    rates = {line: fmean(one for seed in seeds for one in here[seed]) for line, here in played.items()}
+                    tried.append(Tried(setting, rates))
             if tried:
                 found[name, label] = sorted(tried, key=lambda one: -one.mean)
     return found

@@ -131,7 +131,7 @@ def bench(config: BenchConfig) -> list[str]:
     finished_cells(config.output_dir, jobs)  # another run may have added rows that do not fit
     rows = read_rows(config.output_dir)
     if searching:
-        found = search.ranking(tasks, rows)
+        found = search.ranking(tasks, rows, config.seeds)
         print(search.describe(found), end="")
         if config.choose and not failures:
             search.write_chosen(config.choose, found, episodes=len(config.seeds) * config.episodes)
