@@ -16,6 +16,7 @@ from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.benchmark.cell import load_agent
+from lerobot_gloves.benchmark.locks import Lock
 from lerobot_gloves.commands.errors import one_line, one_line_errors
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 
@@ -143,7 +144,22 @@ def _is_assembled(config: RecordConfig, folder: Path) -> bool:
 
 @parser.wrap()
 def record(config: RecordConfig) -> None:
-    """Record, assemble and, if asked, push."""
+    """Record, assemble and, if asked, push.
+
+    Raises:
+        BlockingIOError: If another process is making the same dataset.
+    """
+    config.root.parent.mkdir(parents=True, exist_ok=True)
+    lock = Lock(config.root.with_name(config.root.name + ".lock"))
+    if not lock.acquire():
+        raise BlockingIOError(f"another gloves record is making {config.root}: wait for it, or choose another root")
+    try:
+        _record(config)
+    finally:
+        lock.release()
+
+
+def _record(config: RecordConfig) -> None:
     env_config = demonstrations.check_recordable(config.env)
     folder = staging.staging_folder(config.root)
     num_episodes, agent = config.num_episodes, config.recorded_agent

@@ -9,6 +9,7 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_gloves import commands
+from lerobot_gloves.benchmark.locks import Lock
 from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
 from lerobot_gloves.recording import staging
 from lerobot_gloves.tasks.slalom import SlalomEnv
@@ -51,6 +52,19 @@ def test_a_complete_dataset_is_never_overwritten(tmp_path):
         with pytest.raises(FileExistsError, match=r"slalom already holds a complete dataset of 2 episodes"):
             record(asked)
     assert before == {file: file.read_bytes() for file in root.rglob("*") if file.is_file()}
+
+
+def test_two_commands_never_make_the_same_dataset(tmp_path):
+    root = tmp_path / "new" / "slalom"
+    root.parent.mkdir()
+    other = Lock(root.with_name("slalom.lock"))
+    assert other.acquire()
+    with pytest.raises(BlockingIOError, match=f"another gloves record is making {root}: wait for it, or choose"):
+        record(config(root))
+    assert [path.name for path in root.parent.iterdir()] == ["slalom.lock"]
+    other.release()
+    record(config(root))
+    assert [path.name for path in root.parent.iterdir()] == ["slalom"]
 
 
 def test_a_folder_with_other_files_is_left_alone(tmp_path):
