@@ -52,15 +52,17 @@ class FPAS:
         score: Score = ReverseScore(),
         threshold: float = 0.0,
         generator: Generators = None,
+        length: int | None = None,
     ) -> Tensor:
         """Edit proposals.
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
             expert: The expert flow bound to the B contexts; it is called with n * B rows.
-            score: Nonconformity score, `score(velocity, chunk) -> (N,)`.
+            score: Nonconformity score, `score(velocity, chunk, length=length) -> (N,)`.
             threshold: tau, the largest admitted score.
             generator: Source of the perturbations.
+            length: How many leading actions count; score and distance leave out the rest, which is padding.
 
         Returns:
             Edited chunks, shape (B, T, A), detached.
@@ -74,10 +76,10 @@ class FPAS:
             # The zero perturbation keeps the current chunk among the candidates.
             noise = torch.cat([torch.zeros_like(noise[:, :1]), noise[:, 1:]], dim=1)
             candidate = chunk[:, None] + noise
-            scores = score(expert, candidate.flatten(0, 1)).view(batch, n)
+            scores = score(expert, candidate.flatten(0, 1), length=length).view(batch, n)
             # Where nothing is admitted, the violation is the score itself: weights do not feel a constant.
             violation = scores if threshold == -math.inf else (scores - threshold).clamp(min=0)
-            loss = violation + self.align * (candidate - source).square().sum(dim=(2, 3))
+            loss = violation + self.align * (candidate - source)[:, :, :length].square().sum(dim=(2, 3))
             weight = torch.softmax(-loss, dim=1)
             chunk = chunk + self.edit * (weight[..., None, None] * noise).sum(dim=1)
         return chunk

@@ -8,6 +8,7 @@ import torch
 
 from lerobot_gloves.conformal import ConformalGate
 from lerobot_gloves.editors import FPAS
+from lerobot_gloves.generators import randn
 from lerobot_gloves.scores import ReverseScore
 from tests.gaussian import GaussianFlow, example_flow, seeded
 
@@ -132,6 +133,19 @@ def test_every_context_gets_its_own_candidates(threshold):
 def test_a_gate_that_admits_nothing_or_everything_still_gives_finite_chunks(flow, proposal, threshold):
     """ConformalGate's threshold at alpha 1, and with too few calibration scores."""
     assert FPAS()(proposal, flow, SCORE, threshold, seeded(6)).isfinite().all()
+
+
+def test_padding_has_no_say_in_what_is_executed(flow, proposal, threshold, monkeypatch):
+    """Whether candidates differ behind the actions that count or not, these are edited alike."""
+    noise = randn((4 * 16, 3, 2), seeded(3), like=proposal)
+    edits = []
+    for behind in (1.0, 0.0):
+        drawn = torch.cat([noise[:, :2], behind * noise[:, 2:]], dim=1)
+        monkeypatch.setattr("lerobot_gloves.editors.fpas.randn", lambda *_, drawn=drawn, **__: drawn)
+        # One iteration: in later ones this flow, like any other, sees all actions.
+        edits.append(FPAS(iterations=1, align=1.0, sigma=1.0)(proposal, flow, SCORE, threshold, length=2)[:, :2])
+    assert (edits[0] != proposal[:, :2]).any()
+    torch.testing.assert_close(*edits)
 
 
 def test_an_edit_needs_no_gradient_and_leaves_no_trace(proposal):

@@ -119,12 +119,9 @@ def test_fpas_searches_below_the_gates_threshold(folder, agent):
     executed = act(wrap(agent, adapter=gated, gate=True, method="fpas:iterations=3,sigma=0.5"), batch, 4)
     bound, chunk, scores, postprocess = by_hand(gated, batch, proposal)
     assert (scores > 0.25).all()
-
-    def score(velocity, candidate):  # only the 4 actions that there are count
-        return ReverseScore()(velocity, candidate, length=4)
-
     editor = FPAS(iterations=3, sigma=0.5)
-    edited = editor(chunk, bound.expert, score, 0.25, generator=spawn(0, 2, stream="editor"))
+    # Only the 4 actions that there are count.
+    edited = editor(chunk, bound.expert, ReverseScore(), 0.25, length=4, generator=spawn(0, 2, stream="editor"))
     torch.testing.assert_close(executed, postprocess(edited)[:, :4], rtol=1e-4, atol=1e-7)
 
 
@@ -147,13 +144,13 @@ def test_long_chunks_are_edited_window_by_window_under_the_observation_of_the_mo
 
 
 def test_short_chunks_are_padded_by_their_last_action_and_scored_by_their_length(folder, agent):
-    table = torch.arange(1.0, T + 1)[:, None] * 1e6 * torch.ones(T, 9)  # every length is admitted, by another value
+    table = torch.arange(1.0, T + 1)[:, None] * 1e6 * torch.ones(T, 19)  # every length is admitted, by another value
     gated = calibrate(save_policy(folder / "short", "gloves_expert_flow", seed=7), scores={"reverse:steps=1": table})
     policy = wrap(agent, adapter=gated, gate=True)
     spy = Spy(policy)
     act(policy, observation(2), 9)
     assert [(step, call.shape[1]) for step, _, call, _ in spy.calls] == [(0, 4), (4, 4), (8, 4)]
-    assert policy._corrector.gate(4).scores.tolist() == [4e6] * 9
+    assert policy._corrector.gate(4).scores.tolist() == [4e6] * 19
     for _, batch, proposal, correction in spy.calls:
         torch.testing.assert_close(correction.score, by_hand(gated, batch, proposal)[2])
 

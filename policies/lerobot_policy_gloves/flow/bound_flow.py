@@ -1,7 +1,6 @@
 """Expert flow, and agent flow if there is one, as what an adapter binds."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import torch
@@ -52,9 +51,7 @@ class BoundFlow:
             return editor(proposal, self.expert, generator=generator)
         if threshold is None:
             raise ValueError("fpas searches below the gate's threshold: calibrate the adapter (gloves calibrate)")
-
-        windowed = partial(score, length=length)
-        return editor(proposal, self.expert, score=windowed, threshold=threshold, generator=generator)
+        return editor(proposal, self.expert, score=score, threshold=threshold, length=length, generator=generator)
 
     @torch.no_grad()
     def _agent_flow(self) -> BoundVelocity:
