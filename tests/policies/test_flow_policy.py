@@ -174,6 +174,17 @@ def test_draws_belong_to_an_episode_whatever_batch_it_runs_in():
     assert distances[~torch.eye(4, dtype=torch.bool)].min() > 0.1  # an episode, other draws
 
 
+def test_reduced_precision_changes_no_draw_and_little_else():
+    """`--policy.use_amp=true`: the network's layers are rounded, noise and integration are not."""
+    seen = observation(3)
+    exact = make_policy("gloves_flow_policy").predict_action_chunk(seen)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        rounded = make_policy("gloves_flow_policy").predict_action_chunk(seen)
+    assert rounded.dtype == torch.float32
+    assert not torch.equal(rounded, exact)
+    torch.testing.assert_close(rounded, exact, rtol=0, atol=0.05)
+
+
 def test_draws_come_from_the_policys_seed_and_from_nothing_else():
     data = observation(2)
     torch.manual_seed(0)

@@ -168,7 +168,8 @@ class FlowPolicy(PreTrainedPolicy):
         if self._episodes.begin(batch_size):
             self._generators = spawn(self.config.seed, batch_size, first_episode=self._episodes.first, stream=self.name)
         shape = (batch_size, self.config.chunk_size, self.config.action_feature.shape[0])
-        noise = randn(shape, self._generators, like=velocity.context[0][0])
+        # Like a parameter, not like an activation: under autocast that would have half the precision.
+        noise = randn(shape, self._generators, like=next(self.ema.module.parameters()))
         return self.sample(velocity, noise)
 
     @torch.no_grad()
