@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ class Calibration:
         revision: Its revision.
         episodes: Its episodes that were scored.
         weights: Hash of the adapter's weights, see `weights_hash`.
+        guidance: The adapter's option of that name, if it has one: it scores by the guided flow.
     """
 
     scores: Mapping[str, Tensor]
@@ -34,6 +36,7 @@ class Calibration:
     revision: str
     episodes: tuple[int, ...]
     weights: str
+    guidance: float = 1.0
 
     def of(self, specification: str, length: int) -> Tensor:
         """Scores (n,) of chunks of `length` actions.
@@ -70,6 +73,7 @@ class Calibration:
             "revision": self.revision,
             "episodes": list(self.episodes),
             "weights": self.weights,
+            "guidance": self.guidance,
         }
         scores = {key: value.contiguous() for key, value in self.scores.items()}
         temporary = folder / f".{CALIBRATION_NAME}.partial"
@@ -87,7 +91,10 @@ class Calibration:
         if not Path(checkpoint).is_dir():
             try:
                 path = Path(hf_hub_download(str(checkpoint), CALIBRATION_NAME, revision=revision))
-            except (EntryNotFoundError, LocalEntryNotFoundError):
+            except LocalEntryNotFoundError:
+                logging.warning("the Hub is out of reach: %s is used without the calibration it may have", checkpoint)
+                return None
+            except EntryNotFoundError:
                 return None
         if not path.exists():
             return None

@@ -145,12 +145,11 @@ def count_chunks(episodes: Sequence[Episode], running: np.ndarray, correction: A
     """Note what became of the chunks of those episodes that still run."""
     if correction is None:
         return
-    milliseconds = correction.milliseconds / running.sum()
     for row in running.nonzero()[0]:
         episodes[row].note(
             bool(correction.edited[row]),
             float(correction.distance[row]),
-            float(milliseconds),
+            correction.milliseconds,
             float(correction.evaluations[row]),
             None if correction.score is None else float(correction.score[row]),
         )

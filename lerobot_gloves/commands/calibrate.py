@@ -108,6 +108,7 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         revision=str(cfg.dataset.revision or meta.revision),
         episodes=tuple(episodes),
         weights=weights,
+        guidance=getattr(cfg.policy, "guidance", 1.0),
     )
     count = next(iter(calibration.scores.values())).shape[1]
     if Path(path).is_dir():

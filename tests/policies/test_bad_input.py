@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+import torch
 from draccus.utils import ParsingError
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies import make_policy_config
@@ -136,6 +137,25 @@ def test_fpas_without_a_calibration_says_at_loading_how_to_make_one(checkpoints,
     with pytest.raises(ValueError, match="not calibrated for score 'reverse:steps=3', only for reverse:steps=1"):
         wrap(checkpoints.agent, adapter=checkpoints.adapter, method="fpas", score="reverse:steps=3")
     wrap(checkpoints.agent, adapter=checkpoints.adapter, method="fpas").select_action(observation(2))  # no gate needed
+
+
+def test_a_gate_that_could_turn_nothing_away_is_refused(checkpoints, tmp_path):
+    """The least p-value of 98 scores is 1 / 99; `alpha=0` asks for it."""
+    adapter = calibrate(
+        save_policy(tmp_path / "adapter", "gloves_expert_flow"), scores={"reverse:steps=1": torch.rand(6, 98)}
+    )
+    with pytest.raises(ValueError, match=r"alpha is 0\.01, but with 98 calibration .* on at least 99 chunks") as error:
+        wrap(checkpoints.agent, adapter=adapter, gate=True, alpha=0.01)
+    one_line(error)
+    for alpha in (0.0, 1 / 99):
+        wrap(checkpoints.agent, adapter=adapter, gate=True, alpha=alpha)
+
+
+def test_a_calibration_at_another_guidance_is_refused(checkpoints):
+    guided = {"adapter": checkpoints.adapter, "adapter_overrides": ["--guidance=2"]}
+    with pytest.raises(ValueError, match=r"guidance is 2, but .* with 1: run gloves calibrate --policy\.guidance=2"):
+        wrap(checkpoints.agent, **guided, gate=True)
+    wrap(checkpoints.agent, **guided).select_action(observation(2))  # no gate that could go wrong
 
 
 @pytest.mark.parametrize("gate", [True, False])

@@ -74,6 +74,12 @@ def test_only_proposals_of_running_episodes_are_corrected(tmp_path, checkpoints)
             if running is not None:
                 assert policy.correction.edited.tolist() == ([True, False, True] if method == "feeg" else [False] * 3)
                 assert policy.correction.evaluations[1] == policy.correction.distance[1] == 0
+    for running in (True, False):  # nobody is left: nothing to correct
+        policy.reset()
+        policy.running = torch.full((3,), running)
+        last = policy.select_action(preprocess_observation(observation))
+        assert (policy.correction is None) == (not running)
+    assert (last == given["none", True]).all()
     raw, told, untold = given["none", True], given["feeg", False], given["feeg", True]
     torch.testing.assert_close(told[[0, 2]], untold[[0, 2]])
     assert (untold != raw).any(dim=1).all()

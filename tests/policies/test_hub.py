@@ -40,6 +40,15 @@ def test_an_uncalibrated_one_on_the_hub_has_none(tmp_path, online):
     assert get_policy_class("gloves_expert_flow").from_pretrained("tester/plain").calibration is None
 
 
+def test_a_hub_out_of_reach_is_not_taken_for_an_adapter_without_a_calibration(online, monkeypatch, caplog):
+    HfApi().create_repo("tester/nothing")
+    assert Calibration.load("tester/nothing") is None and not caplog.records
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", True)
+    assert Calibration.load("tester/nothing") is None
+    (record,) = caplog.records
+    assert record.getMessage() == "the Hub is out of reach: tester/nothing is used without the calibration it may have"
+
+
 def test_agent_adapter_and_wrapper_are_taken_from_the_hub(checkpoints, online):
     for name, folder in [("agent", checkpoints.agent), ("adapter", checkpoints.adapter)]:
         HfApi().create_repo(f"tester/{name}")

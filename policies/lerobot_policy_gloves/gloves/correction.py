@@ -1,5 +1,6 @@
 """The corrector: an adapter with its gate and its editor, between raw observations and raw actions."""
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +30,7 @@ class Correction:
         edited: Whether a proposal was edited, bool (B,).
         distance: Mean Euclidean distance (B,) of executed from proposed actions, in the adapter's normalised units.
         evaluations: Network evaluations per proposal, (B,).
-        milliseconds: Time that the whole batch took.
+        milliseconds: Time that a corrected proposal took, the batch's shared out among them.
     """
 
     action: Tensor
@@ -105,7 +106,19 @@ class Corrector:
                 f"{what} needs a calibration, and {config.adapter} has none: run gloves calibrate "
                 f"--policy.path={config.adapter} --dataset.repo_id=<held-out expert episodes>"
             )
-        self.gate(1)  # An uncalibrated score or a wrong alpha shall not wait for the first chunk.
+        guidance = getattr(adapter_config, "guidance", 1.0)
+        if guidance != self.calibration.guidance:
+            raise ValueError(
+                f"the adapter's guidance is {guidance:g}, but it was calibrated with {self.calibration.guidance:g}: "
+                f"run gloves calibrate --policy.guidance={guidance:g}"
+            )
+        # An uncalibrated score or a wrong alpha shall not wait for the first chunk.
+        gate = self.gate(1)
+        if gate is not None and gate.threshold == math.inf and self.alpha > 0:
+            raise ValueError(
+                f"alpha is {self.alpha}, but with {len(gate.scores)} calibration scores nothing can be that unlikely: "
+                f"the gate would let all pass; calibrate on at least {math.ceil(1 / self.alpha) - 1} chunks"
+            )
 
     def reset(self) -> None:
         """A new episode begins."""
@@ -166,7 +179,7 @@ class Corrector:
             moved = (result - chunk[edited])[:, :length].norm(dim=-1).mean(dim=-1)
             distance[edited] = moved.cpu()
             evaluations[edited] += some.evaluations
-        milliseconds = 1000 * (time.perf_counter() - began)
+        milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
 
 

@@ -37,14 +37,13 @@ class Journal:
             running: Whether an environment's episode still runs, bool (B,). LeRobot goes on asking for actions until
                 the last episode of a batch ends; what happens after an episode's end does not count.
         """
-        milliseconds = correction.milliseconds / len(running)
         for row in running.nonzero().flatten().tolist():
             edited, distance = bool(correction.edited[row]), float(correction.distance[row])
             evaluations = float(correction.evaluations[row])
             self.chunks += 1
             self.edited += edited
             self.distance += distance
-            self.milliseconds += milliseconds
+            self.milliseconds += correction.milliseconds
             self.evaluations += evaluations
             if self._file is None:
                 continue
@@ -56,7 +55,7 @@ class Journal:
                 "p_value": None if correction.p_value is None else float(correction.p_value[row]),
                 "edited": edited,
                 "distance": distance,
-                "milliseconds": milliseconds,
+                "milliseconds": correction.milliseconds,
                 "evaluations": evaluations,
             }
             self._file.write(json.dumps(line) + "\n")

@@ -150,6 +150,8 @@ class GlovesPolicy(PreTrainedPolicy):
             return window
         count = min(self._corrector.chunk_size, len(self._proposals))
         window = torch.stack([self._proposals.popleft() for _ in range(count)], dim=1)
+        if self.running is not None and not self.running.any():
+            return window
         # Whatever the editor keeps for its gradient must be made outside inference mode, and exactly.
         device = torch.device(self.config.device).type
         with torch.inference_mode(False), torch.no_grad(), torch.autocast(device, enabled=False):
