@@ -1,20 +1,18 @@
 """One cell of the benchmark: a task, a perturbation, a method, a seed."""
 
 import gc
-import io
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
 import torch
-from draccus.utils import ParsingError
-from huggingface_hub.errors import HFValidationError
-from lerobot.configs import PreTrainedConfig
+from lerobot.configs import FeatureType, PreTrainedConfig
 from lerobot.envs import EnvConfig, close_envs, make_env, make_env_pre_post_processors
+from lerobot.envs.utils import env_to_policy_features
 from lerobot.policies import get_policy_class, make_policy, make_policy_config, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION
@@ -23,6 +21,7 @@ from torch import Tensor
 
 from lerobot_gloves.benchmark.options import check_options, told_options
 from lerobot_gloves.benchmark.rollout import Episode, rollout
+from lerobot_gloves.checkpoints import checkpoint_config
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 from lerobot_gloves.specification import parse, specification
 
@@ -178,26 +177,6 @@ def agent_flow(setup: Setup, method: str, perturbation: str) -> str | None:
     return getattr(checkpoint_config("adapter", setup.adapter, overrides), "agent_flow", None)
 
 
-def checkpoint_config(option: str, checkpoint: str, overrides: Sequence[str] = ()) -> PreTrainedConfig:
-    """The configuration of the policy that an option names, with options such as `--guidance=2` over it.
-
-    Raises:
-        ValueError: If there is none, or it has no such options.
-    """
-    told = io.StringIO()
-    try:
-        with redirect_stderr(told):
-            return PreTrainedConfig.from_pretrained(checkpoint, cli_overrides=list(overrides))
-    except (FileNotFoundError, HFValidationError) as error:
-        raise ValueError(f"--{option}={checkpoint} is no checkpoint's folder, nor one on the Hub in reach") from error
-    except ParsingError as error:
-        raise ValueError(f"--{option}={checkpoint} with {' '.join(overrides)}: {error.__cause__ or error}") from error
-    except SystemExit as error:  # how argparse refuses an option, after telling all that there are
-        known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint))))
-        reason = told.getvalue().strip().splitlines()[-1].partition("error: ")[2]
-        raise ValueError(f"--{option}={checkpoint} has {reason}: choose from {known}") from error
-
-
 def run(setup: Setup, cell: Cell) -> list[Episode]:
     """Play a cell's episodes, on one thread.
 
@@ -245,9 +224,13 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
         perturbation: `none`, or a specification.
         seed: Seed of the agent, the perturbation and the editor.
         **corrected: The wrapper's options for its adapter; without any the agent is not corrected.
+
+    Raises:
+        ValueError: If the agent is made for other observations or actions.
     """
     perturbed = parse(perturbation, PERTURBATION_CHOICES, "perturbation")
-    seeded = hasattr(checkpoint_config("agent", agent), "seed")
+    own = checkpoint_config("agent", agent)
+    seeded = hasattr(own, "seed")
     config = make_policy_config(
         "gloves",
         agent=agent,
@@ -265,7 +248,28 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
             preprocessor_overrides={"device_processor": {"device": str(config.device)}},
         )
     env_before, env_behind = make_env_pre_post_processors(env_cfg=env, policy_cfg=config)
+    if not env_before.steps and not env_behind.steps:  # else nobody knows what the agent gets to see
+        check_fits(own, env)
     return policy, lambda seen: before(env_before(seen)), lambda action: env_behind({ACTION: behind(action)})[ACTION]
+
+
+def check_fits(agent: PreTrainedConfig, env: EnvConfig) -> None:
+    """Refuse an agent for other actions or vectors than the task's; what it makes of images is its own affair.
+
+    Raises:
+        ValueError: Naming what differs.
+    """
+    given = env_to_policy_features(env)
+    for key, feature in {**(agent.input_features or {}), **(agent.output_features or {})}.items():
+        if feature.type is FeatureType.VISUAL:
+            continue
+        if key not in given:
+            raise ValueError(f"the agent needs {key}, but {env.type} gives only {', '.join(sorted(given))}")
+        if tuple(feature.shape) != tuple(given[key].shape):
+            raise ValueError(
+                f"the agent is made for {key} of shape {tuple(feature.shape)}, but that of {env.type} has "
+                f"{tuple(given[key].shape)}"
+            )
 
 
 @contextmanager

@@ -109,12 +109,15 @@ def nested(override: str) -> dict[str, Any]:
     """The tasks that `--tasks.A.B=VALUE` speaks of: `{A: {B: VALUE}}`.
 
     Raises:
-        ValueError: If it has no value.
+        ValueError: If it has no value, or one that is not YAML.
     """
     name, equals, text = override.partition("=")
     if not equals:
         raise ValueError(f"{override} has no value: write {override}=VALUE")
-    value = yaml.safe_load(text)
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f"{override}: the value is not YAML: {' '.join(str(error).split())}") from error
     for key in reversed(name.removeprefix(OVERRIDE).split(".")):
         value = {key: value}
     return value

@@ -19,11 +19,11 @@ from lerobot_gloves.benchmark.cell import (
     Cell,
     Setup,
     agent_flow,
-    checkpoint_config,
     resolve_method,
     resolve_perturbation,
 )
 from lerobot_gloves.benchmark.rollout import Episode
+from lerobot_gloves.checkpoints import checkpoint_config
 
 type Row = dict[str, Any]
 """What a row's file holds: cell, conditions, checkpoints, versions, seconds, episodes."""

@@ -4,8 +4,16 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import yaml
 from draccus.utils import ParsingError
 from httpx import HTTPError
+
+
+def cause(error: BaseException) -> BaseException:
+    """What a configuration said of a wrong value, out of the errors of its own that the parser wraps around it."""
+    while isinstance(error, ParsingError) and error.__cause__ is not None:
+        error = error.__cause__
+    return error
 
 
 def one_line(error: BaseException) -> str:
@@ -25,11 +33,9 @@ def one_line_errors(command: str, kept: str = "") -> Iterator[None]:
     try:
         yield
     except ParsingError as error:
-        # The parser wraps what a configuration says of a wrong value into errors of its own.
-        told: BaseException = error
-        while told.__cause__ is not None:
-            told = told.__cause__
-        sys.exit(f"{command}: {one_line(told)}")
+        sys.exit(f"{command}: {one_line(cause(error))}")
+    except yaml.YAMLError as error:
+        sys.exit(f"{command}: the value of an option is not YAML: {one_line(error)}")
     except (ValueError, FileNotFoundError, FileExistsError, ImportError) as error:
         sys.exit(f"{command}: {one_line(error)}")
     except (OSError, HTTPError) as error:

@@ -16,15 +16,10 @@ from lerobot.utils.constants import ACTION
 from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
-from lerobot_gloves.benchmark.cell import (
-    Setup,
-    checkpoint_config,
-    environment,
-    load_agent,
-    resolve_perturbation,
-)
+from lerobot_gloves.benchmark.cell import Setup, environment, load_agent, resolve_perturbation
 from lerobot_gloves.benchmark.rollout import rollout, tasks
 from lerobot_gloves.benchmark.rows import checkpoint_hash
+from lerobot_gloves.checkpoints import checkpoint_config
 from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.demonstrations import MODE, Recordable, features

@@ -76,6 +76,9 @@ def test_running_again_runs_what_is_missing(
         ("--agent=no/thing", "--agent=no/thing is no checkpoint's folder"),
         ("--adapter=/no/thing", "--adapter=/no/thing is no checkpoint's folder"),
         ("--env.obs_type=touch", "Slalom has no obs_type 'touch'"),
+        ("--env.episode_length=0", "episode_length is 0, but must be at least 1"),
+        ("--env.obs_type=pixels_agent_pos", "the agent needs observation.environment_state, but gloves_slalom"),
+        ("--methods=[feeg", "the value of an option is not YAML: "),
         ("--num_workers=0", "num_workers is 0"),
     ],
 )
@@ -201,6 +204,7 @@ def test_a_cell_alone_is_the_cell_in_its_matrix(
         (["--tasks.short.methods.FEEG+gate.gate=7"], "Couldn't parse '7' into a bool"),
         (["--tasks.short.env.obs_type=touch"], "Slalom has no obs_type 'touch'"),
         (["--tasks.short.env.obs_typ=touch"], "The fields `obs_typ` are not valid for SlalomEnv"),
+        (["--tasks.short.agent=["], "--tasks.short.agent=[: the value is not YAML: "),
         (["--executor=spark"], "unknown executor 'spark': choose from local, ray"),
         (["--address=auto"], "address and num_gpus are for --executor=ray"),
         (["--choose=x.yaml"], "choose is for a search, but no method has settings to choose from"),

@@ -52,9 +52,30 @@ def test_a_wrapper_without_an_agent_says_how_to_name_one():
 
 
 def test_an_unknown_wrapper_is_refused(checkpoints, parse_eval):
-    with pytest.raises(ParsingError) as error:  # draccus wraps what a configuration says
+    with pytest.raises(SystemExit, match=r"^unknown --policy\.wrap=glovs: the only wrapper is gloves$"):
         parse_eval(f"--policy.path={checkpoints.agent}", "--policy.wrap=glovs")
-    assert str(error.value.__cause__) == "unknown --policy.wrap=glovs: the only wrapper is gloves"
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("--policy.method=feeg", r"--policy\.method and --policy\.gate need --policy\.adapter, a trained checkpoint"),
+        ("--policy.adapter=", r"gloves: --policy\.adapter is empty"),
+        ("--policy.seed=-1", "gloves: seed is -1, but must not be negative"),
+        ("--policy.adaptor=x", "unrecognized arguments: --adaptor=x: choose from .*--chunk_size.*own, --adapter, "),
+    ],
+)
+def test_a_wrong_option_beside_wrap_is_one_clear_line(checkpoints, parse_eval, option, message):
+    """Not the parser's "couldn't instantiate" at the end of its traceback."""
+    with pytest.raises(SystemExit, match=message) as exit:
+        parse_eval(f"--policy.path={checkpoints.agent}", "--policy.wrap=gloves", option)
+    assert "\n" not in str(exit.value.code)
+
+
+def test_a_wrapper_is_not_wrapped(checkpoints, parse_eval, tmp_path):
+    wrap(checkpoints.agent).save_pretrained(tmp_path)
+    with pytest.raises(SystemExit, match=f"{tmp_path} is a gloves wrapper already: leave out --policy.wrap"):
+        parse_eval(f"--policy.path={tmp_path}", "--policy.wrap=gloves")
 
 
 @pytest.mark.parametrize("form", ["--policy.path={} --policy.wrap=gloves", "--policy.type=gloves --policy.agent={}"])
@@ -112,6 +133,12 @@ def test_an_observation_that_only_the_adapter_needs_and_nobody_gives_is_named(ch
     ) as error:
         policy.select_action(batch)
     assert "--policy.adapter_rename_map" in one_line(error)
+
+
+def test_a_key_to_rename_that_nobody_gives_is_named(checkpoints):
+    policy = wrap(checkpoints.agent, adapter=checkpoints.adapter, adapter_rename_map={"observation.stat": "x"})
+    with pytest.raises(ValueError, match=r"renames observation\.stat, but there is only .*observation\.state"):
+        policy.select_action(observation(2))
 
 
 def test_a_policy_that_corrects_nothing_is_no_adapter(checkpoints, tmp_path):
@@ -205,7 +232,8 @@ def test_damaged_processors_are_named(checkpoints, tmp_path, broken, part):
 def test_a_missing_checkpoint_is_named(checkpoints, tmp_path, folder):
     (tmp_path / "empty").mkdir()
     paths = {"agent": checkpoints.agent, "adapter": checkpoints.adapter, folder: tmp_path / "empty"}
-    with pytest.raises(FileNotFoundError, match=f"not found in {tmp_path / 'empty'}"):
+    named = f"^--policy.{folder}={tmp_path / 'empty'} is no checkpoint's folder, nor one on the Hub in reach$"
+    with pytest.raises(ValueError, match=named):
         wrap(**paths)
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -172,6 +173,17 @@ def test_a_saved_wrapper_is_complete(checkpoints, tmp_path):
     batch = observation(2)
     with torch.inference_mode():
         assert all(torch.equal(policy.select_action(batch), again.select_action(batch)) for _ in range(7))
+
+
+def test_a_saved_wrapper_finds_its_checkpoints_from_anywhere(checkpoints, tmp_path, monkeypatch):
+    for name in ("agent", "adapter"):
+        shutil.copytree(getattr(checkpoints, name), tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    wrap(Path("agent"), adapter=Path("adapter")).save_pretrained("wrapper")
+    monkeypatch.chdir("/")
+    policy, _ = load(tmp_path / "wrapper")
+    assert (policy.config.agent, policy.config.adapter) == (str(tmp_path / "agent"), str(tmp_path / "adapter"))
+    assert json.loads((tmp_path / "wrapper" / "config.json").read_text())["pretrained_path"] is None
 
 
 def test_options_change_a_saved_wrapper(checkpoints, tmp_path):

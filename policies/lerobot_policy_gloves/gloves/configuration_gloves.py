@@ -11,6 +11,7 @@ from typing import Any
 import draccus
 from lerobot.configs import PreTrainedConfig
 
+from lerobot_gloves.checkpoints import checkpoint_config
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 
 PASSTHROUGH = Path(str(files(__package__))) / "passthrough"
@@ -71,6 +72,11 @@ class GlovesConfig(PreTrainedConfig):
     push_to_hub: bool = False  # A wrapper is not trained, so there is nothing to push by itself.
 
     def __post_init__(self) -> None:
+        for name in ("agent", "adapter"):
+            if getattr(self, name) == "":
+                raise ValueError(f"gloves: --policy.{name} is empty, but must be a folder or Hub id")
+        if self.seed < 0:
+            raise ValueError(f"gloves: seed is {self.seed}, but must not be negative")
         if self.adapter is None and (self.gate or self.method not in (None, "none")):
             raise ValueError("gloves: --policy.method and --policy.gate need --policy.adapter, a trained checkpoint")
         if isinstance(self.perturbation, Perturbation) and not isinstance(self.perturbation, PerturbationConfig):
@@ -84,9 +90,9 @@ class GlovesConfig(PreTrainedConfig):
     def adopt_agent(self) -> None:
         """Read the agent's configuration and take over what LeRobot asks a policy's configuration for."""
         # A plain attribute: draccus expands a field of this type into every registered policy, without end.
-        self.agent_config = PreTrainedConfig.from_pretrained(
-            self.agent, revision=self.agent_revision, cli_overrides=list(self.agent_overrides)
-        )
+        self.agent_config = checkpoint_config("policy.agent", self.agent, self.agent_overrides, self.agent_revision)
+        if isinstance(self.agent_config, GlovesConfig):
+            raise ValueError(f"{self.agent} is a gloves wrapper already: leave out --policy.wrap, or name its agent")
         self.agent_config.pretrained_path = self.agent
         self.agent_config.pretrained_revision = self.agent_revision
         self.input_features = dict(self.agent_config.input_features or {})

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from lerobot_gloves.adapter import Adapter, pad
 from lerobot_gloves.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints import checkpoint_config
 from lerobot_gloves.conformal import ConformalGate
 from lerobot_gloves.specification import parse, specification
 
@@ -73,8 +74,8 @@ class Corrector:
     """
 
     def __init__(self, config: GlovesConfig):
-        adapter_config = PreTrainedConfig.from_pretrained(
-            config.adapter, revision=config.adapter_revision, cli_overrides=list(config.adapter_overrides)
+        adapter_config = checkpoint_config(
+            "policy.adapter", config.adapter, config.adapter_overrides, config.adapter_revision
         )
         adapter_config.pretrained_path = config.adapter
         adapter_config.pretrained_revision = config.adapter_revision
@@ -148,6 +149,11 @@ class Corrector:
         began = time.perf_counter()
         length = proposal.shape[1]
         chunk = pad(proposal, self.chunk_size)
+        if unknown := self.rename_map.keys() - observation.keys():
+            raise ValueError(
+                f"--policy.adapter_rename_map renames {', '.join(sorted(unknown))}, but there is only "
+                f"{', '.join(sorted(observation))}"
+            )
         named = {self.rename_map.get(key, key): value for key, value in observation.items()}
         missing = self.inputs - named.keys()
         if missing:

@@ -1,5 +1,6 @@
 """The wrapper: it asks the agent, corrects what the agent proposes, and is a LeRobot policy itself."""
 
+import copy
 import shutil
 import weakref
 from collections import deque
@@ -72,7 +73,13 @@ class GlovesPolicy(PreTrainedPolicy):
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
-        self.config._save_pretrained(save_directory)
+        saved = copy.copy(self.config)
+        saved.pretrained_path = None
+        for name in ("agent", "adapter"):
+            checkpoint = getattr(saved, name)
+            if checkpoint is not None and Path(checkpoint).is_dir():
+                setattr(saved, name, str(Path(checkpoint).resolve()))  # wherever the wrapper will be used from
+        saved._save_pretrained(save_directory)
         for pipeline in PASSTHROUGH.glob("*.json"):
             shutil.copy(pipeline, save_directory)
 

@@ -1,6 +1,7 @@
 """`--policy.path=AGENT --policy.wrap=gloves` in every LeRobot command that loads a policy."""
 
 import json
+import sys
 from collections.abc import Collection
 from dataclasses import fields
 from functools import wraps
@@ -8,7 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import draccus
+from draccus.utils import ParsingError
 from lerobot.configs import PreTrainedConfig
+
+from lerobot_gloves.commands.errors import cause, one_line
 
 WRAP = "wrap"
 
@@ -31,7 +35,7 @@ def install() -> None:
             return original(cls, pretrained_name_or_path, **kwargs)
         name = _value(wrap)
         if name != "gloves":
-            raise ValueError(f"unknown --policy.wrap={name}: the only wrapper is gloves")
+            sys.exit(f"unknown --policy.wrap={name}: the only wrapper is gloves")
         wrapper = PreTrainedConfig.get_choice_class(name)
         own = {field.name for field in fields(wrapper)} - {field.name for field in fields(PreTrainedConfig)}
         pinned, overrides = split_options(overrides, {"pretrained_revision"})
@@ -43,8 +47,16 @@ def install() -> None:
         if revision:
             mine.append(f"--agent_revision={revision}")
         mine.append(f"--agent_overrides={json.dumps(agents + json.loads(_value(shared) or '[]'))}")
-        with draccus.config_type("json"):
-            return draccus.parse(wrapper, args=mine)
+        try:
+            with draccus.config_type("json"):
+                return draccus.parse(wrapper, args=mine)
+        except ParsingError as error:
+            told = one_line(cause(error))
+            if "unrecognized arguments" in told:
+                told += f"; or from the wrapper's own, {', '.join(f'--{option}' for option in sorted(own))}"
+            # As draccus ends a program whose options it does not understand. As an exception this would come out of
+            # the parser as "couldn't instantiate", at the end of its traceback.
+            sys.exit(f"gloves: {told}")
 
     PreTrainedConfig.from_pretrained = classmethod(from_pretrained)
 

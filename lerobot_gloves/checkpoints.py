@@ -1,0 +1,39 @@
+"""What a checkpoint says of itself, or one clear line if it says nothing."""
+
+import io
+from collections.abc import Sequence
+from contextlib import redirect_stderr
+from dataclasses import fields
+from pathlib import Path
+
+from draccus.utils import ParsingError
+from huggingface_hub.errors import HFValidationError
+from lerobot.configs import PreTrainedConfig
+
+
+def checkpoint_config(
+    option: str, checkpoint: str | Path, overrides: Sequence[str] = (), revision: str | None = None
+) -> PreTrainedConfig:
+    """The configuration of the policy that an option names, with options such as `--guidance=2` over it.
+
+    Args:
+        option: Who names it, such as `policy.adapter`.
+        checkpoint: Its folder or Hub id.
+        overrides: What goes over it.
+        revision: Its Hub revision.
+
+    Raises:
+        ValueError: If there is none, or it has no such options.
+    """
+    told = io.StringIO()
+    try:
+        with redirect_stderr(told):
+            return PreTrainedConfig.from_pretrained(checkpoint, revision=revision, cli_overrides=list(overrides))
+    except (FileNotFoundError, NotADirectoryError, HFValidationError) as error:
+        raise ValueError(f"--{option}={checkpoint} is no checkpoint's folder, nor one on the Hub in reach") from error
+    except ParsingError as error:
+        raise ValueError(f"--{option}={checkpoint} with {' '.join(overrides)}: {error.__cause__ or error}") from error
+    except SystemExit as error:  # how argparse refuses an option, after telling all that there are
+        known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint, (), revision))))
+        reason = told.getvalue().strip().splitlines()[-1].partition("error: ")[2]
+        raise ValueError(f"--{option}={checkpoint} has {reason}: choose from {known}") from error
