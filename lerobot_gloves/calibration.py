@@ -67,7 +67,11 @@ class Calibration:
             )
 
     def save(self, folder: Path) -> None:
-        """Write `calibration.safetensors` into a checkpoint's folder."""
+        """Write `calibration.safetensors` into a checkpoint's folder.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
         about = {
             "repo_id": self.repo_id,
             "revision": self.revision,
@@ -77,7 +81,11 @@ class Calibration:
         }
         scores = {key: value.contiguous() for key, value in self.scores.items()}
         temporary = folder / f".{CALIBRATION_NAME}.partial"
-        save_file(scores, temporary, metadata={"gloves": json.dumps(about)})
+        try:
+            save_file(scores, temporary, metadata={"gloves": json.dumps(about)})
+        except SafetensorError as error:  # also for a full disk
+            temporary.unlink(missing_ok=True)
+            raise OSError(f"cannot write {folder / CALIBRATION_NAME}: {error}") from error
         temporary.replace(folder / CALIBRATION_NAME)
 
     @classmethod

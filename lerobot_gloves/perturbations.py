@@ -6,6 +6,7 @@ own, seeded by `reset`, so that what happens to it does not depend on the batch 
 The comments above the fields are what LeRobot's `--help` shows; it cannot read attributes in a docstring.
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -58,6 +59,11 @@ class Perturbation(ABC):
         return torch.tensor(drawn, device=chunk.device)[:, None, None]
 
 
+def _check_finite(owner: str, name: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise ValueError(f"{owner}: {name} is {value}, but must be finite")
+
+
 def _check_probability(owner: str, name: str, value: float) -> None:
     if not 0.0 <= value <= 1.0:
         raise ValueError(f"{owner}: {name} is {value}, but must lie in [0, 1]")
@@ -71,6 +77,7 @@ class Noised(Perturbation):
     sigma: float = 0.005
 
     def __post_init__(self) -> None:
+        _check_finite("Noised", "sigma", self.sigma)
         if self.sigma < 0:
             raise ValueError(f"Noised: sigma is {self.sigma}, but must not be negative")
 
@@ -108,6 +115,7 @@ class Slow(Perturbation):
     p: float = 0.5
 
     def __post_init__(self) -> None:
+        _check_finite("Slow", "alpha", self.alpha)
         _check_probability("Slow", "p", self.p)
 
     def __call__(self, chunk: Tensor) -> Tensor:
@@ -126,6 +134,9 @@ class Shift(Perturbation):
     p: float = 0.5
 
     def __post_init__(self) -> None:
+        if self.dim < 0:
+            raise ValueError(f"Shift: dim is {self.dim}, but must not be negative")
+        _check_finite("Shift", "alpha", self.alpha)
         _check_probability("Shift", "p", self.p)
 
     def __call__(self, chunk: Tensor) -> Tensor:

@@ -1,5 +1,6 @@
 """Write a score or an editor in one word of a command line, and read it back: `feeg:start=0.5,steps=10`."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
@@ -26,6 +27,8 @@ def parse(text: str, choices: Mapping[str, type], kind: str) -> Any:
     values = {}
     for item in filter(None, rest.split(",")):
         key, _, value = item.partition("=")
+        if key in values:
+            raise ValueError(f"{kind} {name!r}: {key} is there twice")
         if key not in types:
             raise ValueError(f"{kind} {name!r} has no option {key!r}: choose from {', '.join(types) or 'none'}")
         try:
@@ -33,6 +36,8 @@ def parse(text: str, choices: Mapping[str, type], kind: str) -> Any:
         except ValueError:
             message = f"{kind} {name!r}: {key}={value!r} is not a number of type {types[key].__name__}"
             raise ValueError(message) from None
+        if not math.isfinite(values[key]):
+            raise ValueError(f"{kind} {name!r}: {key}={value!r} is not finite")
     return choices[name](**values)
 
 

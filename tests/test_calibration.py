@@ -82,6 +82,11 @@ def test_a_damaged_file_is_one_clear_line(tmp_path, damage):
     assert CALIBRATION_NAME in str(error.value) and "\n" not in str(error.value)
 
 
+def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path):
+    with pytest.raises(OSError, match=f"cannot write {tmp_path / 'gone' / CALIBRATION_NAME}: "):
+        make_calibration().save(tmp_path / "gone")
+
+
 def test_a_save_that_fails_leaves_the_last_one(tmp_path, monkeypatch):
     make_calibration().save(tmp_path)
 

@@ -198,7 +198,15 @@ def test_bad_parameters_are_refused(make, message):
         make()
 
 
-@pytest.mark.parametrize("dim", [2, -1])
-def test_shifting_a_dimension_that_does_not_exist_is_refused(dim):
-    with pytest.raises(ValueError, match=f"dim is {dim}.*0 to 1"):
-        emitted(Shift(dim=dim), chunks(1))
+def test_shifting_a_dimension_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match=r"dim is 2.*0 to 1"):
+        emitted(Shift(dim=2), chunks(1))
+    with pytest.raises(ValueError, match="dim is -1, but must not be negative"):
+        Shift(dim=-1)
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Noised, "sigma"), (Slow, "alpha"), (Shift, "alpha")])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_what_is_not_finite_is_refused(kind, name, value):
+    with pytest.raises(ValueError, match=f"{name} is {value}, but must be finite"):
+        kind(**{name: value})

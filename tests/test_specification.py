@@ -45,6 +45,10 @@ def test_every_option_is_written_out():
         ("feeg:steps=2.5", "method 'feeg': steps='2.5' is not a number of type int"),
         ("feeg:start", "method 'feeg': start='' is not a number of type float"),
         ("feeg:start=2", "FEEG: start is 2.0, but must lie in [0, 1]"),
+        ("feeg:align=-1", "FEEG: align is -1.0, but must not be negative"),
+        ("feeg:align=nan", "method 'feeg': align='nan' is not finite"),
+        ("fpas:sigma=1e400", "method 'fpas': sigma='1e400' is not finite"),
+        ("feeg:start=0.1,start=0.9", "method 'feeg': start is there twice"),
     ],
 )
 def test_a_wrong_word_is_named_with_the_right_ones(text, message):

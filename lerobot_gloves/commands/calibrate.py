@@ -266,6 +266,8 @@ def _push(calibration: Calibration, repo_id: str) -> None:
 def main() -> None:
     """Entry point."""
     init_logging()
+    # Where FFmpeg is missing LeRobot tells of it at length, and goes on with another decoder.
+    logging.getLogger("lerobot.utils.import_utils").addFilter(lambda record: "torchcodec" not in record.getMessage())
     register_third_party_plugins()
     with one_line_errors("gloves calibrate"):
         calibrate()

@@ -73,8 +73,12 @@ class DemoConfig:
         parse(self.gated_feeg, {"feeg": FEEG}, "method")
         parse(self.score, SCORES, "score")
         parse(self.fpas_score, SCORES, "score")
-        if self.episodes < 1:
-            raise ValueError(f"episodes is {self.episodes}, but must be at least 1")
+        for name in ("episodes", "demonstrations", "steps"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ValueError(f"{name} is {value}, but must be at least 1")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}, but must not be negative")
         if self.train and (self.agent or self.expert_flow):
             raise ValueError("--train=true makes agent and expert flow: leave --agent and --expert_flow out")
 

@@ -87,6 +87,8 @@ class RecordConfig:
             raise ValueError(f"perturbation {self.perturbation!r} needs --agent: the expert is never perturbed")
         if self.seed is None:
             self.seed = EXPERT_SEEDS if self.agent is None else AGENT_SEEDS
+        if self.seed < 0:
+            raise ValueError(f"seed must not be negative, not {self.seed}")
 
     @property
     def num_episodes(self) -> int:

@@ -22,7 +22,7 @@ class FEEG:
         align: Guidance strength, lambda_align.
 
     Raises:
-        ValueError: If `start` is outside [0, 1] or `steps` is below 1.
+        ValueError: If `start` is outside [0, 1], `steps` is below 1, or `align` is negative.
     """
 
     start: float = 0.5
@@ -34,6 +34,8 @@ class FEEG:
             raise ValueError(f"FEEG: start is {self.start}, but must lie in [0, 1]")
         if self.steps < 1:
             raise ValueError(f"FEEG: steps is {self.steps}, but must be at least 1")
+        if self.align < 0:
+            raise ValueError(f"FEEG: align is {self.align}, but must not be negative")
 
     def __call__(self, proposal: Tensor, expert: VelocityField, generator: Generators = None) -> Tensor:
         """Edit proposals; also within `torch.inference_mode()`, if what `expert` holds was made outside it.

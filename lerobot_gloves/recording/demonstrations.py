@@ -131,7 +131,10 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
             frames = {key: np.stack([step[key] for step in steps]) for key in steps[0]}
             frames[MODE] = np.full((len(steps), 1), env_config.modes.index(task), dtype=np.int64)
             return Episode(frames=frames, task=task, attempts=attempt + 1)
-    raise RuntimeError(f"the expert failed {MAX_ATTEMPTS} times in the environment with seed {seed}")
+    raise ValueError(
+        f"the expert failed {MAX_ATTEMPTS} times in the environment with seed {seed}: does an episode end too early "
+        "for it (--env.episode_length)?"
+    )
 
 
 def features(env_config: Recordable, observation: Mapping[str, Any]) -> dict[str, np.ndarray]:

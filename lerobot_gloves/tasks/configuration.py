@@ -34,7 +34,7 @@ class TaskEnv(EnvConfig):
         demonstrations: How many the paper has of the task.
 
     Raises:
-        ValueError: If the observation type or rate is not one that exists.
+        ValueError: If the observation type or rate is not one that exists, or a size or length is below 1.
     """
 
     # Control rate, in steps a second; fixed.
@@ -58,6 +58,9 @@ class TaskEnv(EnvConfig):
         check_observation_type(name, self.obs_type)
         if self.fps != CONTROL_HZ:
             raise ValueError(f"{name} runs at {CONTROL_HZ} frames a second, not {self.fps}")
+        for option in ("image_size", "episode_length"):
+            if getattr(self, option) < 1:
+                raise ValueError(f"{option} is {getattr(self, option)}, but must be at least 1")
         seen = ["agent_pos", "goal", *(["environment_state"] if self.obs_type == "state" else [])]
         self.features = {ACTION: PolicyFeature(FeatureType.ACTION, (len(self.feature_names[ACTION]),))}
         for key in seen:

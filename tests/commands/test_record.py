@@ -184,11 +184,13 @@ def test_an_agents_episodes_are_kept_and_other_settings_refused(tmp_path, agent,
         ({"repo_id": "slalom"}, "must look like user/name, not 'slalom'"),
         ({"repo_id": "a/b/c"}, "must look like user/name, not 'a/b/c'"),
         ({"repo_id": "a/b", "num_episodes": 0}, "dataset.num_episodes must be at least 1, not 0"),
+        ({"repo_id": "a/b", "seed": -3}, "seed must not be negative, not -3"),
     ],
 )
 def test_bad_options_are_named(options, message):
+    seed = options.pop("seed", None)
     with pytest.raises(ValueError, match=message):
-        RecordConfig(env=SlalomEnv(), dataset=RecordedDatasetConfig(**options))
+        RecordConfig(env=SlalomEnv(), dataset=RecordedDatasetConfig(**options), seed=seed)
 
 
 def test_the_command_lists_its_commands_and_refuses_others(monkeypatch, capsys):

@@ -63,6 +63,8 @@ def test_the_rows_of_the_table():
         (["--fpas=fpas:beam=3"], "method 'fpas' has no option 'beam': choose from"),
         (["--score=surprise"], "unknown score 'surprise': choose from reverse"),
         (["--episodes=0"], "episodes is 0, but must be at least 1"),
+        (["--train=true", "--steps=0"], "steps is 0, but must be at least 1"),
+        (["--seed=-1"], "seed is -1, but must not be negative"),
         (["--agent=nowhere"], "--agent: nowhere holds no policy"),
         (
             ["--train=true", "--agent=x"],

@@ -263,6 +263,11 @@ def test_features_that_are_not_enough_are_one_clear_line():
         ({"n_action_steps": 7}, "n_action_steps is 7, but must lie between 1 and chunk_size, 6"),
         ({"n_action_steps": 0}, "n_action_steps is 0"),
         ({"samples_per_item": 0}, "samples_per_item is 0, but must be at least 1"),
+        ({"depth": 0}, "depth is 0, but must be at least 1"),
+        ({"context_dropout": 1.0}, "context_dropout is 1.0, but must lie in"),
+        ({"ema_decay": -2.0}, "ema_decay is -2.0, but must lie in"),
+        ({"width": 30, "heads": 4}, "width is 30, which 4 heads cannot share"),
+        ({"time_dim": 7}, "time_dim is 7, but must be even"),
     ],
 )
 def test_impossible_options_are_refused(options, message):

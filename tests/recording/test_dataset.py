@@ -138,7 +138,7 @@ def test_a_failed_demonstration_is_dropped_and_played_anew(monkeypatch):
     assert (episode.attempts, episode.task) == (3, "0 0 0")
     assert episode.frames["observation.state"][-1, 3] > 0.35 - 0.012
     monkeypatch.setattr(demonstrations, "MAX_ATTEMPTS", 2)
-    with pytest.raises(RuntimeError, match="failed 2 times in the environment with seed 30000"):
+    with pytest.raises(ValueError, match=r"failed 2 times in the environment with seed 30000: .*episode_length"):
         demonstrations.demonstrate(SlalomEnv(), Slalom(), 30000)
 
 

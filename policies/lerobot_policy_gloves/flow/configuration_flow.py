@@ -82,8 +82,17 @@ class FlowConfig(PreTrainedConfig):
             raise ValueError(
                 f"n_action_steps is {self.n_action_steps}, but must lie between 1 and chunk_size, {self.chunk_size}"
             )
-        if self.samples_per_item < 1:
-            raise ValueError(f"samples_per_item is {self.samples_per_item}, but must be at least 1")
+        for name in ("context_dim", "width", "depth", "heads", "mlp_ratio", "samples_per_item", "num_inference_steps"):
+            value = getattr(self, name)  # not every subclass can choose its steps: None
+            if value is not None and value < 1:
+                raise ValueError(f"{name} is {value}, but must be at least 1")
+        for name in ("dropout", "context_dropout", "visual_dropout", "ema_decay"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}, but must lie in [0, 1)")
+        if self.width % self.heads:
+            raise ValueError(f"width is {self.width}, which {self.heads} heads cannot share")
+        if self.time_dim < 2 or self.time_dim % 2:
+            raise ValueError(f"time_dim is {self.time_dim}, but must be even, for as many sines as cosines")
 
     @property
     def goal(self) -> str | None:
