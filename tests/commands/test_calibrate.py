@@ -10,8 +10,9 @@ from lerobot.datasets import LeRobotDataset
 
 from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration
 from lerobot_gloves.commands.calibrate import calibrate, main
+from lerobot_gloves.generators import spawn
 from lerobot_gloves.scores import ReverseScore
-from tests.builders import FLOW, load, make_config, save_policy, write_dataset
+from tests.builders import FLOW, load, make_config, save_policy, wrap, write_dataset
 
 T = FLOW["chunk_size"]
 EPISODES, LENGTH = 8, 9
@@ -95,6 +96,22 @@ def test_whole_chunks_are_scored_for_every_length(run, adapter, data, caplog):
         batch = preprocess({**item, "action": actions[None]})
         expected = ReverseScore()(policy.bind(batch).expert, batch["action"], length=length)
         torch.testing.assert_close(scores[length - 1, column], expected[0], rtol=1e-4, atol=1e-5)
+
+
+def test_the_gate_scores_a_proposal_as_the_calibration_did(run, adapter, data, tmp_path):
+    """The command normalises chunks and cuts and pads them then, the wrapper pads raw ones and normalises them then."""
+    scores = run("--dataset.episodes=[2, 5]").scores["reverse:steps=1"]
+    corrector = wrap(save_policy(tmp_path / "agent", "act"), adapter=adapter, gate=True, alpha=0.2)._corrector
+    rows = LeRobotDataset("me/tiny", root=data, episodes=[2, 5]).hf_dataset
+    for column, first in ((0, 0), (5, LENGTH + 1)):
+        seen = {key: rows[first][key][None] for key in rows.features if key.startswith("observation.")}
+        chunk = torch.stack([rows[first + i]["action"] for i in range(T)])[None]
+        for length in (T, 2):
+            correction = corrector(seen, chunk[:, :length], spawn(0, 1, stream="editor"))
+            torch.testing.assert_close(correction.score[0], scores[length - 1, column], rtol=1e-4, atol=1e-5)
+            rank, count = int(scores[length - 1].argsort().tolist().index(column)), scores.shape[1]
+            # By a hair above the score that it is, it ranks one higher.
+            assert round(correction.p_value[0].item() * (count + 1)) in (1 + count - rank, count - rank)
 
 
 def test_of_the_training_data_what_was_held_out_is_taken(run, adapter, caplog):

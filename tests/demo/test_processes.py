@@ -16,20 +16,25 @@ def job(folder, label, program):
     return Job(label, [sys.executable, "-c", program], folder / f"{label}.log", COUNTED)
 
 
-def stamp(folder, name, seconds):
-    """A program that notes when it ran."""
-    return (
-        f"import time; a = time.time(); time.sleep({seconds}); "
-        f"open({str(folder / name)!r}, 'w').write(f'{{a}} {{time.time()}}')"
-    )
+def meet(folder, name, other):
+    """A program that ends a second after the other one has begun."""
+    return f"""
+import time
+from pathlib import Path
+Path({str(folder / name)!r}).touch()
+deadline = time.time() + 120
+while not Path({str(folder / other)!r}).exists():
+    assert time.time() < deadline, "the other does not run beside this one"
+    time.sleep(0.05)
+time.sleep(1)
+Path({str(folder / name)!r}).rename({str(folder / f"{name} is over")!r})
+"""
 
 
 def test_two_run_side_by_side_and_the_third_waits(tmp_path, capsys):
-    jobs = [job(tmp_path, name, stamp(tmp_path, f"{name}.times", 1.0)) for name in "abc"]
-    run(jobs, began=time.monotonic())
-    times = {name: list(map(float, (tmp_path / f"{name}.times").read_text().split())) for name in "abc"}
-    assert times["a"][0] < times["b"][1] and times["b"][0] < times["a"][1]
-    assert times["c"][0] > min(times["a"][1], times["b"][1])
+    waits = f"from pathlib import Path; assert list(Path({str(tmp_path)!r}).glob('* is over')), 'all three run'"
+    jobs = [meet(tmp_path, "first", "second"), meet(tmp_path, "second", "first"), waits]
+    run([job(tmp_path, name, program) for name, program in zip("abc", jobs, strict=True)], began=time.monotonic())
     lines = capsys.readouterr().out.splitlines()
     assert sorted(re.sub(r"\d+:\d\d", "TIME", line) for line in lines) == [f"[TIME] {name}: TIME" for name in "abc"]
 
@@ -55,7 +60,7 @@ def test_children_take_one_thread_and_leave_the_hub_alone(tmp_path):
 
 def test_progress_is_shown_where_there_is_a_terminal(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
-    program = "import time; print('at 3/300\\rat 17/300', flush=True); time.sleep(1)"
+    program = "import time; print('at 3/300\\rat 17/300', flush=True); time.sleep(3)"
     run([job(tmp_path, "raw agent", program)], began=time.monotonic())
     assert "raw agent: 17 of 300" in capsys.readouterr().out
 
