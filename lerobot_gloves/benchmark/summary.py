@@ -8,12 +8,13 @@ from statistics import fmean, stdev
 from typing import Any
 
 from lerobot_gloves.benchmark import histogram
+from lerobot_gloves.benchmark.cell import NONE
 from lerobot_gloves.benchmark.paper import COLUMNS, KINDS
 from lerobot_gloves.benchmark.rollout import Episode
 from lerobot_gloves.benchmark.rows import SHARED, Row
 from lerobot_gloves.benchmark.statistics import PairedDifference, paired_difference, wilson
 
-NONE, AGENT = "none", COLUMNS[0]
+AGENT = COLUMNS[0]
 
 type Episodes = dict[tuple[int, int], Episode]
 """Episodes of one perturbation and method, by the policies' seed and the environment's."""

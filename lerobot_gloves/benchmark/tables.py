@@ -4,10 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lerobot_gloves.benchmark.cell import NONE
 from lerobot_gloves.benchmark.options import PERTURBED
 from lerobot_gloves.benchmark.paper import COLUMNS, SOURCE, Published, published
 from lerobot_gloves.benchmark.statistics import PairedDifference
-from lerobot_gloves.benchmark.summary import NONE, Result, Section, ranks
+from lerobot_gloves.benchmark.summary import Result, Section, ranks
 
 MISSING = "–"
 MARKS = "best and second best marked where all played the same episodes"
