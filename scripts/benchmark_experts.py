@@ -32,7 +32,7 @@ def main() -> None:
     """Print one row for each task, kind of episode and condition."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="+", choices=lerobot_gloves.tasks.__all__)
-    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--episodes", type=int, default=200, help="of each row; by default 200")
     arguments = parser.parse_args()
     print(f"seeds {SEED} to {SEED + arguments.episodes - 1}\n")
     print("| expert of | episodes | jostled | success | failed | mean steps |")

@@ -1,6 +1,6 @@
 """Run a command and keep what it printed as a row of docs/results.md.
 
-For example `--title="Editing" --output=docs/rows/editing.json python scripts/benchmark_editing.py`.
+python scripts/measure.py --title="Editing" --output=docs/rows/editing.json python scripts/benchmark_editing.py
 """
 
 import argparse

@@ -6,6 +6,7 @@ scripts/measure.py kept of one command.
     python scripts/write_results.py
 """
 
+import argparse
 import json
 from pathlib import Path
 
@@ -40,4 +41,5 @@ def main(output: Path = DOCS / "results.md") -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     main()

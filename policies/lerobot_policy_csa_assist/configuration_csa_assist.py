@@ -61,7 +61,8 @@ class CsaAssistConfig(FlowConfig):
     levels: int = 80
     # Standard deviation of the normalised actions.
     sigma_data: float = 1.0
-    # Mean of log sigma in the teacher's training: Karras' -1.2, which goes with a sigma_data of 0.5, at twice that.
+    # Mean of log sigma in the teacher's training: Karras' -1.2, which goes with a sigma_data of 0.5, plus ln 2
+    # (rounded), since sigma_data is twice that here.
     p_mean: float = -0.5
     # Standard deviation of log sigma in the teacher's training.
     p_std: float = 1.2
