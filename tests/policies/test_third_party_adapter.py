@@ -185,4 +185,5 @@ def test_lerobot_train_and_gloves_calibrate_take_it(package, checkpoints, tmp_pa
     typed(*data, f"--policy.path={folder}", "--scores=[distance]", "--stride=1")
     calibrate_command()
     assert Calibration.load(folder).scores[DISTANCE].shape == (T, 12 - T + 1)
-    assert wrap(checkpoints.agent, adapter=folder, gate=True).select_action(observation(2)).isfinite().all()
+    # At 0.05 a gate with seven scores would let all pass, and is refused.
+    assert wrap(checkpoints.agent, adapter=folder, gate=True, alpha=0.2).select_action(observation(2)).isfinite().all()
