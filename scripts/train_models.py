@@ -19,6 +19,9 @@ from lerobot_gloves.demo.training import PROGRESS, is_recorded, steps_done
 from lerobot_gloves.sources import SOURCES
 
 MODELS = ("agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
+PROPOSALS = {"charger": 100}
+"""Episodes of the agent's proposals under each perturbation, where that is not what `gloves record` makes: with fewer of them
+more of what the align flow learns is the expert's, and there half a millimetre decides."""
 SCORES = '--scores=["reverse:steps=1", "reverse:steps=5"]'
 
 
@@ -62,6 +65,13 @@ class Models:
             return []
         workers = f"--num_workers={self.num_workers}"
         return [self.job(f"recording {kind}", "gloves", "record", *self.env, *self.dataset(name), *options, workers)]
+
+    def record_proposals(self, source: str, perturbation: str) -> list[Job]:
+        """What the agent proposes under a perturbation."""
+        options = [f"--agent={self.agent}", f"--perturbation={perturbation}"]
+        if self.task in PROPOSALS:
+            options.append(f"--dataset.num_episodes={PROPOSALS[self.task]}")
+        return self.record(f"agent_{source}", *options)
 
     def train(self, model: str, data: str = "state", *options: str) -> list[Job]:
         """A training run, from its last checkpoint on if it has one."""
@@ -116,8 +126,7 @@ class Models:
         if "align_flow" not in wanted:
             return
         for source, perturbation in self.perturbations.items():
-            options = (f"--agent={self.agent}", f"--perturbation={perturbation}")
-            run(self.record(f"agent_{source}", *options), began=began)
+            run(self.record_proposals(source, perturbation), began=began)
         run(self.merge(), began=began)
         run(self.train("align_flow", "align"), began=began)
         run(self.calibrate("align_flow", "align"), began=began)

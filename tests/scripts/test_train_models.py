@@ -64,6 +64,13 @@ def test_every_model_is_made_after_what_it_needs_and_only_once(made):
     assert made[15:] == ["calibration of expert_flow"]
 
 
+def test_charger_has_fewer_proposals_to_each_of_the_experts(made):
+    for task, options in (("keypad", set()), ("charger", {"--dataset.num_episodes=100"})):
+        [job] = Models(task, None, 1).record_proposals("slow", "slow:alpha=0.5,p=1.0")
+        assert "--perturbation=slow:alpha=0.5,p=1.0" in job.command
+        assert {one for one in job.command if one.startswith("--dataset.num_episodes")} == options
+
+
 def test_slaloms_pair_ships(made):
     Models("slalom", 20, 1).make(list(train_models.MODELS))
     assert {"agent", "expert_flow", "calibration of expert_flow"}.isdisjoint(made)
