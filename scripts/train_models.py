@@ -20,8 +20,8 @@ from lerobot_gloves.sources import SOURCES
 
 MODELS = ("agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
 PROPOSALS = {"charger": 100}
-"""Episodes of the agent's proposals under each perturbation, where that is not what `gloves record` makes: with fewer of them
-more of what the align flow learns is the expert's, and there half a millimetre decides."""
+"""Episodes of the agent's proposals under each perturbation, where that is not what `gloves record` makes: with fewer
+of them more of what the align flow learns is the expert's, and there half a millimetre decides."""
 SCORES = '--scores=["reverse:steps=1", "reverse:steps=5"]'
 
 
