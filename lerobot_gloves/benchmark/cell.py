@@ -10,9 +10,7 @@ from typing import Any
 
 import gymnasium as gym
 import torch
-from lerobot.configs import FeatureType, PreTrainedConfig
 from lerobot.envs import EnvConfig, close_envs, make_env, make_env_pre_post_processors
-from lerobot.envs.utils import env_to_policy_features
 from lerobot.policies import get_policy_class, make_policy, make_policy_config, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION
@@ -21,7 +19,7 @@ from torch import Tensor
 
 from lerobot_gloves.benchmark.options import check_options, told_options
 from lerobot_gloves.benchmark.rollout import Episode, rollout
-from lerobot_gloves.checkpoints import checkpoint_config
+from lerobot_gloves.checkpoints import check_fits, checkpoint_config
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 from lerobot_gloves.specification import parse, specification
 
@@ -115,6 +113,11 @@ class Cell:
     def column(self) -> str:
         """The method's name."""
         return self.label or self.method
+
+    @property
+    def title(self) -> str:
+        """The method's name, behind the task's if it has one."""
+        return " / ".join([*filter(None, [self.task]), self.column])
 
     @property
     def names(self) -> list[str]:
@@ -251,25 +254,6 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
     if not env_before.steps and not env_behind.steps:  # else nobody knows what the agent gets to see
         check_fits(own, env)
     return policy, lambda seen: before(env_before(seen)), lambda action: env_behind({ACTION: behind(action)})[ACTION]
-
-
-def check_fits(agent: PreTrainedConfig, env: EnvConfig) -> None:
-    """Refuse an agent for other actions or vectors than the task's; what it makes of images is its own affair.
-
-    Raises:
-        ValueError: Naming what differs.
-    """
-    given = env_to_policy_features(env)
-    for key, feature in {**(agent.input_features or {}), **(agent.output_features or {})}.items():
-        if feature.type is FeatureType.VISUAL:
-            continue
-        if key not in given:
-            raise ValueError(f"the agent needs {key}, but {env.type} gives only {', '.join(sorted(given))}")
-        if tuple(feature.shape) != tuple(given[key].shape):
-            raise ValueError(
-                f"the agent is made for {key} of shape {tuple(feature.shape)}, but that of {env.type} has "
-                f"{tuple(given[key].shape)}"
-            )
 
 
 @contextmanager

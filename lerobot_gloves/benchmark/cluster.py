@@ -13,6 +13,7 @@ from typing import Any, Self
 from lerobot_gloves.benchmark.processes import prepare
 from lerobot_gloves.benchmark.rows import Job, Row
 from lerobot_gloves.benchmark.workers import Failed, Lost, Outcome, play
+from lerobot_gloves.errors import one_line
 
 
 class Cluster:
@@ -46,7 +47,7 @@ class Cluster:
         try:
             ray.init(address=address or "local", log_to_driver=False, logging_level=logging.ERROR, **start)
         except Exception as error:  # Ray's own come in many types
-            raise ConnectionError(f"Ray did not come up: {' '.join(str(error).split())}") from error
+            raise ConnectionError(f"Ray did not come up: {one_line(error)}") from error
         # What becomes of a task whose worker dies is ours to decide: no retries. A worker plays any number of cells,
         # also with a GPU, where Ray would begin a new one for each: that takes longer than many a cell.
         self._play = ray.remote(num_cpus=1, num_gpus=num_gpus, max_retries=0, max_calls=0)(play_there)

@@ -11,6 +11,7 @@ from lerobot.configs.parser import PLUGIN_DISCOVERY_SUFFIX, load_plugin, parse_a
 from lerobot.envs import EnvConfig
 
 from lerobot_gloves.benchmark.matrix import Method, Setting, Task
+from lerobot_gloves.errors import one_line
 
 OVERRIDE = "--tasks."
 
@@ -67,7 +68,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except DuplicateKeyError as error:
         raise ValueError(f"{path}, {error}") from error
     except yaml.YAMLError as error:
-        raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+        raise ValueError(f"{path} is not YAML: {one_line(error)}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{path} does not hold names and values")
     return content
@@ -117,7 +118,7 @@ def nested(override: str) -> dict[str, Any]:
     try:
         value = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise ValueError(f"{override}: the value is not YAML: {' '.join(str(error).split())}") from error
+        raise ValueError(f"{override}: the value is not YAML: {one_line(error)}") from error
     for key in reversed(name.removeprefix(OVERRIDE).split(".")):
         value = {key: value}
     return value

@@ -77,7 +77,7 @@ def plan(matrix: Iterable[tuple[Setup, Cell]]) -> list[Job]:
         try:
             second = second_checkpoint(setup, cell.method, cell.perturbation)
         except ValueError as error:
-            raise ValueError(f"{' / '.join([*filter(None, [cell.task]), cell.column])}: {error}") from error
+            raise ValueError(f"{cell.title}: {error}") from error
         if second is not None:
             own["agent_flow"] = content(second)
         jobs[file] = Job(setup, cell, json.loads(json.dumps(own, default=str)))

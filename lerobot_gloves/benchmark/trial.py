@@ -11,6 +11,7 @@ from lerobot_gloves.benchmark.cell import GATE, NONE, environment, load
 from lerobot_gloves.benchmark.options import told_options
 from lerobot_gloves.benchmark.rollout import act
 from lerobot_gloves.benchmark.rows import Job
+from lerobot_gloves.errors import one_line
 
 SEED = 0
 """Of the environment; no episode that counts has it."""
@@ -57,8 +58,7 @@ def named(job: Job) -> Iterator[None]:
     try:
         yield
     except (ValueError, FileNotFoundError) as error:
-        told = " ".join(str(error).split())
-        raise ValueError(f"{' / '.join([*filter(None, [job.cell.task]), job.cell.column])}: {told}") from error
+        raise ValueError(f"{job.cell.title}: {one_line(error)}") from error
     except ImportError:
         raise
     except Exception:

@@ -11,6 +11,7 @@ from typing import Protocol, Self
 from lerobot_gloves.benchmark.cell import Cell, agent_flow, run
 from lerobot_gloves.benchmark.locks import Lock
 from lerobot_gloves.benchmark.rows import Job, Row, checkpoint_hash, make_row, row_file, write_row
+from lerobot_gloves.errors import one_line
 
 ATTEMPTS = 2
 """How often a cell is begun whose worker is killed every time."""
@@ -96,7 +97,7 @@ def play(job: Job) -> Row | Failed:
                 raise ValueError(f"the {name} {checkpoint} is another one here than where the run began")
         episodes = run(job.setup, job.cell)
     except Exception as error:
-        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        reason = f"{type(error).__name__}: {one_line(error)}"
         return Failed(reason, traceback.format_exc())
     return make_row(job, seconds=time.perf_counter() - began, episodes=episodes)
 

@@ -26,7 +26,8 @@ from tqdm import tqdm
 
 from lerobot_gloves.adapter import Adapter, pad
 from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration, weights_hash
-from lerobot_gloves.commands.errors import one_line, one_line_errors
+from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.errors import one_line
 from lerobot_gloves.processors import load_processors
 from lerobot_gloves.sources import SOURCES, source_of
 from lerobot_gloves.specification import parse, specification

@@ -17,7 +17,8 @@ from tqdm import tqdm
 
 from lerobot_gloves.benchmark.cell import load_agent
 from lerobot_gloves.benchmark.locks import Lock
-from lerobot_gloves.commands.errors import one_line, one_line_errors
+from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.errors import one_line
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 
 EXPERT_SEEDS, AGENT_SEEDS = 30000, 40000
