@@ -17,7 +17,7 @@ from lerobot_gloves.editors import IFAE
 from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.networks import BoundVelocity
-from lerobot_gloves.sources import SOURCES
+from lerobot_gloves.recording.sources import SOURCES
 
 
 def main() -> None:

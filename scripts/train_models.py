@@ -13,10 +13,10 @@ from pathlib import Path
 
 import yaml
 
-from lerobot_gloves.calibration import CALIBRATION_NAME
-from lerobot_gloves.demo.processes import Job, console_script, run
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
 from lerobot_gloves.demo.training import PROGRESS, is_recorded, steps_done
-from lerobot_gloves.sources import SOURCES
+from lerobot_gloves.recording.sources import SOURCES
+from lerobot_gloves.system.processes import Job, console_script, run
 
 MODELS = ("agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
 PROPOSALS = {"charger": 100}

@@ -10,8 +10,8 @@ import argparse
 import json
 from pathlib import Path
 
-from lerobot_gloves.benchmark.report import report
-from lerobot_gloves.benchmark.rows import read_rows
+from lerobot_gloves.benchmark.row import read_rows
+from lerobot_gloves.report.text import report
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Results

@@ -21,7 +21,7 @@ from lerobot.processor import PolicyProcessorPipeline
 from torch import Tensor, nn
 
 import lerobot_policy_gloves  # noqa: F401, registers the policies
-from lerobot_gloves.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
 

@@ -17,9 +17,9 @@ from lerobot.utils.constants import ACTION
 from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
-from lerobot_gloves.benchmark.options import check_options, told_options
-from lerobot_gloves.benchmark.rollout import Episode, rollout
-from lerobot_gloves.checkpoints import check_fits, checkpoint_config
+from lerobot_gloves.benchmark.adapter_options import check_options, told_options
+from lerobot_gloves.checkpoints.configuration import check_fits, checkpoint_config
+from lerobot_gloves.evaluation.rollout import Episode, rollout
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 from lerobot_gloves.specification import parse, specification
 

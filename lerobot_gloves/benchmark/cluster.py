@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from lerobot_gloves.benchmark.processes import prepare
-from lerobot_gloves.benchmark.rows import Job, Row
+from lerobot_gloves.benchmark.local_workers import prepare
+from lerobot_gloves.benchmark.row import Job, Row
 from lerobot_gloves.benchmark.workers import Failed, Lost, Outcome, play
-from lerobot_gloves.errors import one_line
+from lerobot_gloves.system.errors import one_line
 
 
 class Cluster:

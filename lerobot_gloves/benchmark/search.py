@@ -9,10 +9,10 @@ from typing import Any
 
 import yaml
 
-from lerobot_gloves.benchmark import summary
-from lerobot_gloves.benchmark.markdown import markdown_table
 from lerobot_gloves.benchmark.matrix import Setting, Task
-from lerobot_gloves.benchmark.rows import Row
+from lerobot_gloves.benchmark.row import Row
+from lerobot_gloves.report import summary
+from lerobot_gloves.report.markdown import markdown_table
 
 MOST_EPISODES = 60
 """How many episodes a search may play with each setting under each perturbation."""

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Protocol, Self
 
 from lerobot_gloves.benchmark.cell import Cell, agent_flow, run
-from lerobot_gloves.benchmark.locks import Lock
-from lerobot_gloves.benchmark.rows import Job, Row, checkpoint_hash, make_row, row_file, write_row
-from lerobot_gloves.errors import one_line
+from lerobot_gloves.benchmark.row import Job, Row, checkpoint_hash, make_row, row_file, write_row
+from lerobot_gloves.system.errors import one_line
+from lerobot_gloves.system.locks import Lock
 
 ATTEMPTS = 2
 """How often a cell is begun whose worker is killed every time."""

@@ -15,14 +15,14 @@ from tqdm import tqdm
 from lerobot_gloves.benchmark import search
 from lerobot_gloves.benchmark.cell import NONE
 from lerobot_gloves.benchmark.cluster import Cluster
-from lerobot_gloves.benchmark.file import complete
+from lerobot_gloves.benchmark.dry_run import try_all
+from lerobot_gloves.benchmark.local_workers import Processes, ThisProcess
 from lerobot_gloves.benchmark.matrix import Task, cells, select, single_task
-from lerobot_gloves.benchmark.processes import Processes, ThisProcess
-from lerobot_gloves.benchmark.report import report
-from lerobot_gloves.benchmark.rows import Job, finished_cells, plan, read_rows
-from lerobot_gloves.benchmark.trial import try_all
+from lerobot_gloves.benchmark.matrix_file import complete
+from lerobot_gloves.benchmark.row import Job, finished_cells, plan, read_rows
 from lerobot_gloves.benchmark.workers import Note, Workers, play_all
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.report.text import report
 
 EXECUTORS = ("local", "ray")
 

@@ -25,12 +25,12 @@ from torch.utils.data import DataLoader, Subset
 from tqdm import tqdm
 
 from lerobot_gloves.adapter import Adapter, pad
-from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration, weights_hash
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
+from lerobot_gloves.checkpoints.processors import load_processors
 from lerobot_gloves.commands.errors import one_line_errors
-from lerobot_gloves.errors import one_line
-from lerobot_gloves.processors import load_processors
-from lerobot_gloves.sources import SOURCES, source_of
+from lerobot_gloves.recording.sources import SOURCES, source_of
 from lerobot_gloves.specification import parse, specification
+from lerobot_gloves.system.errors import one_line
 
 
 @dataclass
@@ -207,7 +207,7 @@ def held_out_episodes(cfg: CalibrateConfig, meta: LeRobotDatasetMetadata) -> lis
 
 
 def expert_episodes(episodes: Sequence[int], meta: LeRobotDatasetMetadata) -> list[int]:
-    """Those of the episodes that no agent made (see `lerobot_gloves.sources`).
+    """Those of the episodes that no agent made (see `lerobot_gloves.recording.sources`).
 
     Raises:
         ValueError: If none is left.

@@ -13,17 +13,17 @@ from pathlib import Path
 from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_gloves.benchmark.processes import interrupts_ignored
+from lerobot_gloves.benchmark.local_workers import interrupts_ignored
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED
 from lerobot_gloves.demo.evaluation import Method, Result, Setting, evaluation, perturbation_options, read
-from lerobot_gloves.demo.processes import clock, ended
-from lerobot_gloves.demo.show import PICTURE, VIDEO, show
+from lerobot_gloves.demo.illustrations import PICTURE, VIDEO, show
 from lerobot_gloves.demo.table import table
 from lerobot_gloves.demo.training import Training, train_pair
 from lerobot_gloves.editors import FEEG, FPAS
 from lerobot_gloves.scores import SCORES
 from lerobot_gloves.specification import parse
+from lerobot_gloves.system.processes import clock, ended
 
 TEST_SEEDS = 10000
 """Where the seeds of tests begin."""

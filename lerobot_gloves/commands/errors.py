@@ -8,7 +8,7 @@ import yaml
 from draccus.utils import ParsingError
 from httpx import HTTPError
 
-from lerobot_gloves.errors import cause, one_line
+from lerobot_gloves.system.errors import cause, one_line
 
 
 @contextmanager

@@ -16,10 +16,10 @@ from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.benchmark.cell import load_agent
-from lerobot_gloves.benchmark.locks import Lock
 from lerobot_gloves.commands.errors import one_line_errors
-from lerobot_gloves.errors import one_line
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
+from lerobot_gloves.system.errors import one_line
+from lerobot_gloves.system.locks import Lock
 
 EXPERT_SEEDS, AGENT_SEEDS = 30000, 40000
 """Where the seeds of demonstrations and of an agent's episodes begin; other uses of an environment stay out of

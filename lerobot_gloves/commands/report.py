@@ -5,10 +5,10 @@ from pathlib import Path
 
 from lerobot.configs import parser
 
-from lerobot_gloves.benchmark.report import report
-from lerobot_gloves.benchmark.report_csv import report_csv
-from lerobot_gloves.benchmark.rows import read_rows
+from lerobot_gloves.benchmark.row import read_rows
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.report.csv_file import report_csv
+from lerobot_gloves.report.text import report
 
 
 @dataclass
@@ -46,7 +46,7 @@ def write_report(config: ReportConfig) -> None:
     if config.csv is not None:
         _write(config.csv, report_csv(rows, paper=config.paper))
     if config.html is not None:
-        from lerobot_gloves.benchmark.report_html import report_html  # matplotlib takes a second to import
+        from lerobot_gloves.report.html_page import report_html  # matplotlib takes a second to import
 
         _write(config.html, report_html(rows, paper=config.paper))
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from lerobot_gloves.demo.processes import Job, console_script
 from lerobot_gloves.perturbations import PERTURBATIONS
 from lerobot_gloves.specification import parse
+from lerobot_gloves.system.processes import Job, console_script
 
 CHUNK_LOG = "chunks.jsonl"
 ROLLED_OUT = re.compile(r"Running rollout.*?(?P<done>\d+)/(?P<total>\d+) ")

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from lerobot_gloves.benchmark.statistics import paired_difference, wilson
 from lerobot_gloves.demo.evaluation import Result
+from lerobot_gloves.report.statistics import paired_difference, wilson
 
 HEADER = ["method", "success, % [95 % interval]", "chunks edited", "distance", "minus raw, points [95 % interval]"]
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from lerobot.utils.constants import TRAINING_STATE_DIR
 
-from lerobot_gloves.calibration import CALIBRATION_NAME
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED, PAIR
 from lerobot_gloves.demo.export import describe, export
-from lerobot_gloves.demo.processes import Job, clock, console_script, run
 from lerobot_gloves.recording.staging import staging_folder
+from lerobot_gloves.system.processes import Job, clock, console_script, run
 
 DATASET_ID = "gloves/slalom_state"
 PROGRESS = re.compile(r"(?:recording|Training|Scoring): .*?(?P<done>\d+)/(?P<total>\d+) ")

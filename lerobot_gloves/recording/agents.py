@@ -1,4 +1,4 @@
-"""An agent's proposals at the moments at which it was queried, staged as `lerobot_gloves.sources` says."""
+"""An agent's proposals at the moments at which it was queried, staged as `lerobot_gloves.recording.sources` says."""
 
 import gc
 from collections import defaultdict
@@ -17,15 +17,15 @@ from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
 from lerobot_gloves.benchmark.cell import Setup, environment, load_agent, resolve_perturbation
-from lerobot_gloves.benchmark.rollout import rollout, tasks
-from lerobot_gloves.benchmark.rows import checkpoint_hash
-from lerobot_gloves.checkpoints import checkpoint_config
+from lerobot_gloves.benchmark.row import checkpoint_hash
+from lerobot_gloves.checkpoints.configuration import checkpoint_config
+from lerobot_gloves.evaluation.rollout import rollout, tasks
 from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
+from lerobot_gloves.recording.sources import agent_task
 from lerobot_gloves.recording.staging import Episode
 from lerobot_gloves.recording.workers import stage_all
-from lerobot_gloves.sources import agent_task
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Agent:
 
     @property
     def source(self) -> str:
-        """The label of its chunks, one of `lerobot_gloves.sources.SOURCES`."""
+        """The label of its chunks, one of `lerobot_gloves.recording.sources.SOURCES`."""
         return self.perturbation.partition(":")[0]
 
     def settings(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_gloves.benchmark.processes import interrupts_ignored
+from lerobot_gloves.benchmark.local_workers import interrupts_ignored
 from lerobot_gloves.recording import staging
 
 type Stage = Callable[[Sequence[range]], Iterator[None]]

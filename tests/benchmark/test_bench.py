@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from lerobot_gloves.benchmark.rows import read_rows
+from lerobot_gloves.benchmark.row import read_rows
 from lerobot_gloves.commands import main
 
 

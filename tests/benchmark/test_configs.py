@@ -10,13 +10,13 @@ import pytest
 from lerobot.policies import get_policy_class
 
 import lerobot_policy_gloves  # noqa: F401, registers the policies
-from lerobot_gloves.benchmark import rows
+from lerobot_gloves.benchmark import row as rows
 from lerobot_gloves.benchmark.cell import Setup, resolve_perturbation
-from lerobot_gloves.benchmark.file import complete
 from lerobot_gloves.benchmark.matrix import cells
-from lerobot_gloves.benchmark.paper import COLUMNS
+from lerobot_gloves.benchmark.matrix_file import complete
 from lerobot_gloves.benchmark.search import check_search
 from lerobot_gloves.commands.bench import BenchConfig
+from lerobot_gloves.report.paper import COLUMNS
 from lerobot_gloves.specification import parse
 
 BASELINES = ("DDPM", "CSA")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lerobot_gloves.benchmark.rows import read_rows
+from lerobot_gloves.benchmark.row import read_rows
 from tests.benchmark.test_bench import gloves, without_times
 from tests.builders import calibrate
 

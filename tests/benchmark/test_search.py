@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 import yaml
 
-from lerobot_gloves.benchmark.file import merged
 from lerobot_gloves.benchmark.matrix import Method, Setting, Task
+from lerobot_gloves.benchmark.matrix_file import merged
 from lerobot_gloves.benchmark.search import check_search, describe, ranking, write_chosen
 from lerobot_gloves.tasks.slalom import SlalomEnv
 

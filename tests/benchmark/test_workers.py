@@ -8,10 +8,10 @@ from typing import Any, Self
 import pytest
 
 from lerobot_gloves.benchmark.cell import Cell, Setup
-from lerobot_gloves.benchmark.locks import Lock
-from lerobot_gloves.benchmark.rollout import Episode
-from lerobot_gloves.benchmark.rows import Job, make_row, read_rows, row_file, write_row
+from lerobot_gloves.benchmark.row import Job, make_row, read_rows, row_file, write_row
 from lerobot_gloves.benchmark.workers import Ended, Failed, Lost, Note, Outcome, play, play_all
+from lerobot_gloves.evaluation.rollout import Episode
+from lerobot_gloves.system.locks import Lock
 from lerobot_gloves.tasks.slalom import SlalomEnv
 
 SETUP = Setup(env=SlalomEnv(), agent="agent", episodes=1)

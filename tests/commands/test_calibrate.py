@@ -8,7 +8,7 @@ from lerobot.configs.default import DatasetConfig
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.datasets import LeRobotDataset
 
-from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration
 from lerobot_gloves.commands.calibrate import calibrate, main
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.scores import ReverseScore

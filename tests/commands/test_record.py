@@ -9,9 +9,9 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_gloves import commands
-from lerobot_gloves.benchmark.locks import Lock
 from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
 from lerobot_gloves.recording import staging
+from lerobot_gloves.system.locks import Lock
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from tests.builders import save_policy
 from tests.hub import Hub, hub  # noqa: F401

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from safetensors import safe_open
 
-from lerobot_gloves.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.commands import demo as command
 from lerobot_gloves.commands.demo import DemoConfig, methods
 from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR, evaluation

@@ -13,10 +13,10 @@ from lerobot.scripts.lerobot_train import train
 from torch.utils.data import DataLoader
 
 from lerobot_gloves.adapter import Adapter
-from lerobot_gloves.calibration import Calibration
+from lerobot_gloves.checkpoints.calibration import Calibration
 from lerobot_gloves.commands.calibrate import calibrate as calibrate_command
 from lerobot_gloves.editors import FEEG, IFAE
-from lerobot_gloves.sources import SOURCES, agent_task
+from lerobot_gloves.recording.sources import SOURCES, agent_task
 from lerobot_policy_gloves.gloves_align_flow.configuration_gloves_align_flow import LABEL
 from tests.builders import (
     features,
@@ -36,7 +36,7 @@ T = 6
 
 
 def write_agent_dataset(root: Path, proposals: np.ndarray, source: str = "noised") -> LeRobotDataset:
-    """Proposals (E, n, T, A) of E episodes of n queries, in the format of `lerobot_gloves.sources`.
+    """Proposals (E, n, T, A) of E episodes of n queries, in the format of `lerobot_gloves.recording.sources`.
 
     The first entry of a row's state is the number of its query.
     """

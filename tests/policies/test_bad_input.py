@@ -9,7 +9,7 @@ from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.policies import make_policy_config
 from safetensors.torch import load_file, save_file
 
-from lerobot_gloves.calibration import CALIBRATION_NAME
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
 from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy, NonFiniteProposalError
 from tests.builders import CAMERA, calibrate, features, observation, save_policy, wrap
 

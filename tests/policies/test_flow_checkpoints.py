@@ -6,7 +6,7 @@ from lerobot.policies import get_policy_class, make_pre_post_processors
 from safetensors.torch import load_file, save_file
 from torchvision.models import ResNet18_Weights
 
-from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration, weights_hash
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
 from tests.builders import calibrate, make_policy, observation, save_policy
 
 WEIGHTS = "model.safetensors"

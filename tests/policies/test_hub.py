@@ -4,7 +4,7 @@ import torch
 from huggingface_hub import HfApi
 from lerobot.policies import get_policy_class
 
-from lerobot_gloves.calibration import CALIBRATION_NAME, Calibration
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration
 from tests.builders import load, observation, save_policy, wrap
 from tests.hub import hub  # noqa: F401
 

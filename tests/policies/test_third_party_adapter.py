@@ -12,7 +12,7 @@ from lerobot.policies import make_policy_config
 from lerobot.scripts.lerobot_train import train
 
 from lerobot_gloves.adapter import Adapter
-from lerobot_gloves.calibration import Calibration
+from lerobot_gloves.checkpoints.calibration import Calibration
 from lerobot_gloves.commands.calibrate import calibrate as calibrate_command
 from tests.builders import calibrate, features, load, observation, save_policy, wrap, write_dataset
 from tests.policies.test_training_command import LAST

@@ -14,7 +14,7 @@ from lerobot_gloves.benchmark.cell import Setup, environment
 from lerobot_gloves.perturbations import Noised
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 from lerobot_gloves.recording.agents import Agent
-from lerobot_gloves.sources import source_of
+from lerobot_gloves.recording.sources import source_of
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from lerobot_gloves.tasks.slalom.scene import MODES
 from tests.benchmark.conftest import save

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_gloves.calibration import CALIBRATION_NAME
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
 from scripts import train_models
 from scripts.train_models import Models
 

@@ -16,7 +16,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
-from lerobot_gloves.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.flow import flow_matching_loss, integrate
 from lerobot_gloves.generators import Episodes, randn, spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork

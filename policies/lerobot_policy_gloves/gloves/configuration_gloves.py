@@ -11,7 +11,7 @@ from typing import Any
 import draccus
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_gloves.checkpoints import checkpoint_config
+from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
 
 PASSTHROUGH = Path(str(files(__package__))) / "passthrough"

@@ -11,13 +11,13 @@ from lerobot.configs import PreTrainedConfig
 from torch import Tensor
 
 from lerobot_gloves.adapter import Adapter, pad
-from lerobot_gloves.calibration import Calibration, weights_hash
-from lerobot_gloves.checkpoints import checkpoint_config
+from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.configuration import checkpoint_config
+from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.conformal import ConformalGate
 from lerobot_gloves.specification import parse, specification
 
 from .configuration_gloves import GlovesConfig
-from .loading import load_policy
 
 
 @dataclass

@@ -12,12 +12,12 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
 
+from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.generators import Episodes, spawn
 
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
 from .journal import Journal
-from .loading import load_policy
 from .proposals import ChunkTap
 
 

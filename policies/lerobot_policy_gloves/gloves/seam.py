@@ -12,7 +12,7 @@ import draccus
 from draccus.utils import ParsingError
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_gloves.errors import cause, one_line
+from lerobot_gloves.system.errors import cause, one_line
 
 WRAP = "wrap"
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_gloves.sources import SOURCES, source_of
+from lerobot_gloves.recording.sources import SOURCES, source_of
 
 from ..flow.configuration_flow import FlowConfig
 
@@ -18,8 +18,8 @@ LABEL = "source"
 class GlovesAlignFlowConfig(FlowConfig):
     """Expert flow v_e and agent flow v_u as two labels of one network.
 
-    Trained on demonstrations and an agent's proposals merged into one dataset (`lerobot_gloves.sources` says how an
-    agent's is made). Conditioned on images and state, never on the goal, which only the agent knows.
+    Trained on demonstrations and an agent's proposals merged into one dataset (`lerobot_gloves.recording.sources` says
+    how an agent's is made). Conditioned on images and state, never on the goal, which only the agent knows.
     """
 
     # Whose flow v_u is: none (the agent as it is), noised, laggy, slow or shift. By default the only one that the

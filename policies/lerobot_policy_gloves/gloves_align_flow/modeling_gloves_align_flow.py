@@ -9,8 +9,8 @@ from torch import Tensor
 
 from lerobot_gloves.editors import FEEG, FPAS, IFAE
 from lerobot_gloves.networks import BoundVelocity
+from lerobot_gloves.recording.sources import SOURCES, source_of
 from lerobot_gloves.scores import SCORES
-from lerobot_gloves.sources import SOURCES, source_of
 
 from ..flow.bound_flow import BoundFlow
 from ..flow.modeling_flow import FlowPolicy

@@ -7,10 +7,10 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
+from lerobot_gloves.checkpoints.loading import load_policy
+from lerobot_gloves.checkpoints.processors import Pipeline, load_processors
 from lerobot_gloves.networks import BoundVelocity
-from lerobot_gloves.processors import Pipeline, load_processors
 
-from ..gloves.loading import load_policy
 from .configuration_gloves_expert_flow import GlovesExpertFlowConfig
 
 
