@@ -2,8 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
+
+NONE = "none"
+"""What a specification says where there is nothing: no perturbation, no editor."""
 
 
 def parse(text: str, choices: Mapping[str, type], kind: str) -> Any:
@@ -41,8 +44,26 @@ def parse(text: str, choices: Mapping[str, type], kind: str) -> Any:
     return choices[name](**values)
 
 
+@dataclass(frozen=True)
+class _Nothing:
+    """What `none` stands for: it has no options."""
+
+
+def parse_optional(text: str, choices: Mapping[str, type], kind: str) -> Any:
+    """The same where there may be nothing: None for `none`, which is a choice too."""
+    found = parse(text, {NONE: _Nothing, **choices}, kind)
+    return None if isinstance(found, _Nothing) else found
+
+
 def specification(instance: Any, choices: Mapping[str, type]) -> str:
-    """The specification that `parse` turns back into `instance`, every option written out."""
+    """The specification that `parse_optional` turns back into `instance`, every option written out; `none` for None."""
+    if instance is None:
+        return NONE
     name = next(name for name, choice in choices.items() if choice is type(instance))
     options = ",".join(f"{field.name}={getattr(instance, field.name)}" for field in fields(instance))
     return f"{name}:{options}" if options else name
+
+
+def name_of(text: str) -> str:
+    """The name in a specification, without its options."""
+    return text.partition(":")[0]

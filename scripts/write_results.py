@@ -10,8 +10,8 @@ import argparse
 import json
 from pathlib import Path
 
-from lerobot_gloves.benchmark.row import read_rows
-from lerobot_gloves.report.text import report
+from lerobot_gloves.benchmark.folder import read_rows
+from lerobot_gloves.report.markdown import report_markdown
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Results
@@ -24,7 +24,7 @@ Everything here was measured on two cores without a GPU, by the command that sta
 def benchmark(folder: Path) -> str:
     """One folder of benchmark rows, with the note beside it."""
     note = folder / "note.md"
-    return "\n".join([note.read_text().strip(), "", report(read_rows(folder), paper=True).strip()])
+    return "\n".join([note.read_text().strip(), "", report_markdown(read_rows(folder), paper=True).strip()])
 
 
 def measurement(file: Path) -> str:

@@ -7,8 +7,8 @@ from typing import Any
 
 from lerobot.configs import PreTrainedConfig
 
-PERTURBED = "{perturbation}"
-"""Stands for the perturbation's name, such as `noised`, in the options of a method."""
+from lerobot_gloves.benchmark.cell import PERTURBED
+from lerobot_gloves.specification import name_of
 
 
 def check_options(options: Mapping[str, Any]) -> None:
@@ -36,4 +36,4 @@ def adapter_options() -> list[str]:
 
 def told_options(options: Mapping[str, Any], perturbation: str) -> dict[str, Any]:
     """The options under a perturbation, a specification, whose name takes the place of `PERTURBED`."""
-    return json.loads(json.dumps(options).replace(PERTURBED, perturbation.partition(":")[0]))
+    return json.loads(json.dumps(options).replace(PERTURBED, name_of(perturbation)))

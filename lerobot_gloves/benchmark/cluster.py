@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any, Self
 
 from lerobot_gloves.benchmark.local_workers import prepare
-from lerobot_gloves.benchmark.row import Job, Row
-from lerobot_gloves.benchmark.workers import Failed, Lost, Outcome, play
+from lerobot_gloves.benchmark.plan import Job
+from lerobot_gloves.benchmark.play import Failed, play
+from lerobot_gloves.benchmark.row import Row
+from lerobot_gloves.benchmark.workers import Lost, Outcome
 from lerobot_gloves.system.errors import one_line
 
 

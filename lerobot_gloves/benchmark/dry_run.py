@@ -8,9 +8,10 @@ from dataclasses import replace
 import gymnasium as gym
 
 from lerobot_gloves.benchmark.adapter_options import told_options
-from lerobot_gloves.benchmark.cell import GATE, NONE, environment, load
-from lerobot_gloves.benchmark.row import Job
-from lerobot_gloves.evaluation.rollout import act
+from lerobot_gloves.benchmark.plan import Job
+from lerobot_gloves.benchmark.setup import load
+from lerobot_gloves.evaluation.environments import environments
+from lerobot_gloves.specification import NONE, name_of
 from lerobot_gloves.system.errors import one_line
 
 SEED = 0
@@ -29,7 +30,7 @@ def try_all(jobs: Sequence[Job]) -> None:
         tasks[str(job.conditions["env"])].setdefault(_method(job), job)
     for methods in tasks.values():
         first = next(iter(methods.values()))
-        with environment(replace(first.setup, batch_size=1)) as env:
+        with environments(first.setup.env, 1) as env:
             for job in methods.values():
                 with named(job):
                     try_out(job, env)
@@ -42,14 +43,14 @@ def try_out(job: Job, env: gym.vector.SyncVectorEnv) -> None:
         job: The job.
         env: One environment of its task.
     """
-    options = told_options(job.setup.options, job.cell.perturbation)
-    setup, editor = replace(job.setup, options=options), job.cell.method.removesuffix(GATE)
-    if job.cell.method != editor:
-        load(setup, replace(job.cell, perturbation=NONE))
-    policy, prepare, finish = load(setup, replace(job.cell, perturbation=NONE, method=editor))
-    policy.reset()
+    setup = replace(job.setup, options=told_options(job.setup.options, job.cell.perturbation))
+    cell = replace(job.cell, perturbation=NONE)
+    if cell.gate:
+        load(setup, cell)
+    agent = load(setup, replace(cell, gate=False))
+    agent.policy.reset()
     observation, _ = env.reset(seed=[SEED])
-    act(env, policy, prepare, finish, observation)
+    agent.act(env, observation)
 
 
 @contextmanager
@@ -67,8 +68,7 @@ def named(job: Job) -> Iterator[None]:
 
 def _method(job: Job) -> str:
     """What jobs have in common that fail alike: all but the perturbation, unless the adapter is told it."""
-    editor, _, gate = job.cell.method.partition("+")
-    alike = {**job.conditions, "method": (editor.partition(":")[0], gate)}
+    alike = {**job.conditions, "editor": name_of(job.cell.editor)}
     if not job.setup.options:
         del alike["perturbation"]
     return str(sorted(alike.items()))

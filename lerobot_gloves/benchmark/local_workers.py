@@ -8,14 +8,16 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Self
 
+from lerobot_gloves.system.interrupts import interrupts_ignored
+
 if TYPE_CHECKING:
-    from lerobot_gloves.benchmark.row import Job
+    from lerobot_gloves.benchmark.plan import Job
     from lerobot_gloves.benchmark.workers import Outcome
 
 
@@ -107,7 +109,7 @@ class ThisProcess:
 
     def outcomes(self, timeout: float) -> Sequence[tuple[Job, Outcome]]:
         """Play the cell."""
-        from lerobot_gloves.benchmark.workers import play
+        from lerobot_gloves.benchmark.play import play
 
         job, self._job = self._job, None
         if job is None:
@@ -133,7 +135,7 @@ def serve(pipe: connection.Connection) -> None:
 
     threading.Thread(target=follow, daemon=True).start()
     prepare()
-    from lerobot_gloves.benchmark.workers import play
+    from lerobot_gloves.benchmark.play import play
 
     while True:
         try:
@@ -156,13 +158,3 @@ def _death(exitcode: int | None) -> str:
     if exitcode is not None and exitcode < 0:
         return f"was killed by signal {-exitcode} ({signal.Signals(-exitcode).name})"
     return f"ended with status {exitcode}"
-
-
-@contextlib.contextmanager
-def interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C meanwhile; processes that are started meanwhile go on ignoring it."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

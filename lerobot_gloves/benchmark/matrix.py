@@ -7,7 +7,9 @@ from typing import Any
 
 from lerobot.envs import EnvConfig
 
-from lerobot_gloves.benchmark.cell import GATE, NONE, Cell, Setup
+from lerobot_gloves.benchmark.cell import Cell, gated, split_gate
+from lerobot_gloves.benchmark.setup import Setup
+from lerobot_gloves.specification import NONE
 
 MOST_SETTINGS = 12
 """How many settings of a method a search may try, the same for every method."""
@@ -77,11 +79,6 @@ class Method:
             tried[name] = replace(self, settings=[], **changed)
         return tried
 
-    @property
-    def specification(self) -> str:
-        """The editor, with `+gate` behind it if it is gated."""
-        return self.editor + GATE * self.gate
-
 
 @dataclass(kw_only=True)
 class Task:
@@ -113,10 +110,10 @@ def single_task(
         methods: `none`, or editors' specifications, with `+gate` behind them to gate them.
         **gate: Score and alpha.
     """
-    columns = {
-        method: Method(adapter=adapter, editor=method.removesuffix(GATE), gate=method.endswith(GATE), **gate)
-        for method in methods
-    }
+    columns = {}
+    for method in methods:
+        editor, is_gated = split_gate(method)
+        columns[method] = Method(adapter=adapter, editor=editor, gate=is_gated, **gate)
     return {env.type: Task(env=env, agent=agent, perturbations={p: p for p in perturbations}, methods=columns)}
 
 
@@ -162,7 +159,7 @@ def cells(tasks: Mapping[str, Task], seeds: Sequence[int], **shared: Any) -> Ite
     """
     columns = {
         name: [
-            (column, method.specification, _setup(task, method, shared))
+            (column, method, _setup(task, method, shared))
             for label, described in task.methods.items()
             for column, method in described.tried(label).items()
         ]
@@ -170,20 +167,11 @@ def cells(tasks: Mapping[str, Task], seeds: Sequence[int], **shared: Any) -> Ite
     }
     for seed in dict.fromkeys(seeds):
         for name, task in tasks.items():
-            for line, (column, method, setup) in product(task.perturbations.items(), columns[name]):
-                label, perturbation = line
-                yield (
-                    setup,
-                    Cell(
-                        perturbation,
-                        method,
-                        seed,
-                        task=name,
-                        # What is called what it is needs no label.
-                        perturbation_label=label if label != perturbation else "",
-                        label=column if column != method else "",
-                    ),
-                )
+            for (label, perturbation), (column, method, setup) in product(task.perturbations.items(), columns[name]):
+                cell = Cell(perturbation, method.editor, seed, gate=method.gate, task=name)
+                # What is called what it is needs no label.
+                named = "" if column == gated(method.editor, method.gate) else column
+                yield setup, replace(cell, perturbation_label="" if label == perturbation else label, label=named)
 
 
 def _setup(task: Task, method: Method, shared: Mapping[str, Any]) -> Setup:

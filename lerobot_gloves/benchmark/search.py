@@ -11,8 +11,8 @@ import yaml
 
 from lerobot_gloves.benchmark.matrix import Setting, Task
 from lerobot_gloves.benchmark.row import Row
-from lerobot_gloves.report import summary
-from lerobot_gloves.report.markdown import markdown_table
+from lerobot_gloves.system.files import whole
+from lerobot_gloves.system.text import markdown_table
 
 MOST_EPISODES = 60
 """How many episodes a search may play with each setting under each perturbation."""
@@ -65,9 +65,8 @@ def ranking(tasks: Mapping[str, Task], rows: Sequence[Row], seeds: Sequence[int]
     """
     outcomes: dict[tuple[str, str, str], dict[int, list[bool]]] = defaultdict(dict)
     for row in rows:
-        cell = row["cell"]
-        key = cell.get("task", ""), summary.line(row), summary.column(row)
-        outcomes[key][cell["seed"]] = [episode["success"] for episode in row["episodes"]]
+        cell = row.cell
+        outcomes[cell.task, cell.line, cell.column][cell.seed] = [episode.success for episode in row.episodes]
     found: Ranking = {}
     for name, task in tasks.items():
         for label, method in task.methods.items():
@@ -122,7 +121,8 @@ def write_chosen(path: Path, found: Ranking, *, episodes: int) -> None:
             f"      {_in_one_line(label)}: {_in_one_line(values)}",
         ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines) + "\n")
+    with whole(path) as file:
+        file.write_text("\n".join(lines) + "\n")
 
 
 def _in_one_line(value: Any) -> str:

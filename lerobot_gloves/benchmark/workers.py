@@ -1,33 +1,19 @@
 """Cells played side by side, whoever plays them; each leaves a row as soon as it is finished."""
 
-import time
-import traceback
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, Self
 
-from lerobot_gloves.benchmark.cell import Cell, agent_flow, run
-from lerobot_gloves.benchmark.row import Job, Row, checkpoint_hash, make_row, row_file, write_row
-from lerobot_gloves.system.errors import one_line
+from lerobot_gloves.benchmark.cell import Cell
+from lerobot_gloves.benchmark.plan import Job
+from lerobot_gloves.benchmark.play import Failed
+from lerobot_gloves.benchmark.row import Row, row_file
 from lerobot_gloves.system.locks import Lock
 
 ATTEMPTS = 2
 """How often a cell is begun whose worker is killed every time."""
-
-
-@dataclass(frozen=True)
-class Failed:
-    """A cell that could not be played.
-
-    Attributes:
-        reason: Why, in one line.
-        details: Why, in as many as it takes.
-    """
-
-    reason: str
-    details: str
 
 
 @dataclass(frozen=True)
@@ -85,21 +71,6 @@ class Note:
     """Something to tell the user meanwhile, in one line."""
 
     text: str
-
-
-def play(job: Job) -> Row | Failed:
-    """Play a cell in this process."""
-    began = time.perf_counter()
-    try:
-        second = agent_flow(job.setup, job.cell.method, job.cell.perturbation)
-        for name, checkpoint in (("agent", job.setup.agent), ("adapter", job.setup.adapter), ("agent_flow", second)):
-            if checkpoint and job.conditions.get(name, (found := checkpoint_hash(checkpoint))) != found:
-                raise ValueError(f"the {name} {checkpoint} is another one here than where the run began")
-        episodes = run(job.setup, job.cell)
-    except Exception as error:
-        reason = f"{type(error).__name__}: {one_line(error)}"
-        return Failed(reason, traceback.format_exc())
-    return make_row(job, seconds=time.perf_counter() - began, episodes=episodes)
 
 
 def play_all(jobs: Sequence[Job], folder: Path, workers: Workers, *, patience: float = 1.0) -> Iterator[Ended | Note]:
@@ -162,6 +133,6 @@ def _keep(folder: Path, job: Job, outcome: Row | Failed) -> Ended:
     if isinstance(outcome, Failed):
         log.write_text(f"{job.cell} failed: {outcome.reason}\n\n{outcome.details}")
         return Ended(job.cell, f"{job.cell} failed: {outcome.reason} ({log})")
-    write_row(folder, outcome)
+    outcome.save(folder)
     log.unlink(missing_ok=True)
     return Ended(job.cell)

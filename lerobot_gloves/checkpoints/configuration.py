@@ -8,9 +8,7 @@ from pathlib import Path
 
 from draccus.utils import ParsingError
 from huggingface_hub.errors import HFValidationError
-from lerobot.configs import FeatureType, PreTrainedConfig
-from lerobot.envs import EnvConfig
-from lerobot.envs.utils import env_to_policy_features
+from lerobot.configs import PreTrainedConfig
 
 from lerobot_gloves.system.errors import cause
 
@@ -41,22 +39,3 @@ def checkpoint_config(
         known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint, (), revision))))
         reason = told.getvalue().strip().splitlines()[-1].partition("error: ")[2]
         raise ValueError(f"--{option}={checkpoint} has {reason}: choose from {known}") from error
-
-
-def check_fits(agent: PreTrainedConfig, env: EnvConfig) -> None:
-    """Refuse an agent for other actions or vectors than the task's; what it makes of images is its own affair.
-
-    Raises:
-        ValueError: Naming what differs.
-    """
-    given = env_to_policy_features(env)
-    for key, feature in {**(agent.input_features or {}), **(agent.output_features or {})}.items():
-        if feature.type is FeatureType.VISUAL:
-            continue
-        if key not in given:
-            raise ValueError(f"the agent needs {key}, but {env.type} gives only {', '.join(sorted(given))}")
-        if tuple(feature.shape) != tuple(given[key].shape):
-            raise ValueError(
-                f"the agent is made for {key} of shape {tuple(feature.shape)}, but that of {env.type} has "
-                f"{tuple(given[key].shape)}"
-            )

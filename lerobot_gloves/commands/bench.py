@@ -13,16 +13,17 @@ from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.benchmark import search
-from lerobot_gloves.benchmark.cell import NONE
 from lerobot_gloves.benchmark.cluster import Cluster
 from lerobot_gloves.benchmark.dry_run import try_all
+from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.benchmark.local_workers import Processes, ThisProcess
 from lerobot_gloves.benchmark.matrix import Task, cells, select, single_task
 from lerobot_gloves.benchmark.matrix_file import complete
-from lerobot_gloves.benchmark.row import Job, finished_cells, plan, read_rows
+from lerobot_gloves.benchmark.plan import Job, finished_cells, plan
 from lerobot_gloves.benchmark.workers import Note, Workers, play_all
 from lerobot_gloves.commands.errors import one_line_errors
-from lerobot_gloves.report.text import report
+from lerobot_gloves.report.markdown import report_markdown
+from lerobot_gloves.specification import NONE
 
 EXECUTORS = ("local", "ray")
 
@@ -136,7 +137,7 @@ def bench(config: BenchConfig) -> list[str]:
         if config.choose and not failures:
             search.write_chosen(config.choose, found, episodes=len(config.seeds) * config.episodes)
     elif rows:
-        print(report(rows), end="")
+        print(report_markdown(rows), end="")
     return failures
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_gloves.benchmark.local_workers import interrupts_ignored
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED
 from lerobot_gloves.demo.evaluation import Method, Result, Setting, evaluation, perturbation_options, read
@@ -21,12 +20,12 @@ from lerobot_gloves.demo.illustrations import PICTURE, VIDEO, show
 from lerobot_gloves.demo.table import table
 from lerobot_gloves.demo.training import Training, train_pair
 from lerobot_gloves.editors import FEEG, FPAS
+from lerobot_gloves.evaluation.seeds import TEST
 from lerobot_gloves.scores import SCORES
 from lerobot_gloves.specification import parse
+from lerobot_gloves.system.interrupts import interrupts_ignored
 from lerobot_gloves.system.processes import clock, ended
 
-TEST_SEEDS = 10000
-"""Where the seeds of tests begin."""
 TABLE = "table.md"
 
 
@@ -52,7 +51,7 @@ class DemoConfig:
     # Episodes of each method.
     episodes: int = 96
     # Seed of the first episode; the others follow it.
-    seed: int = TEST_SEEDS
+    seed: int = TEST
     # Folder of another agent for Slalom than the one that ships with the package.
     agent: Path | None = None
     # Folder of another expert flow, calibrated.

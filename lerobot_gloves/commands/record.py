@@ -15,15 +15,13 @@ from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
-from lerobot_gloves.benchmark.cell import load_agent
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.evaluation.agent import load_agent
+from lerobot_gloves.evaluation.seeds import DEMONSTRATIONS, PROPOSALS
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 from lerobot_gloves.system.errors import one_line
 from lerobot_gloves.system.locks import Lock
 
-EXPERT_SEEDS, AGENT_SEEDS = 30000, 40000
-"""Where the seeds of demonstrations and of an agent's episodes begin; other uses of an environment stay out of
-30000-49999."""
 MAX_BATCH_SIZE = 100
 AGENT_EPISODES = 400
 
@@ -87,7 +85,7 @@ class RecordConfig:
         if self.agent is None and self.perturbation != "none":
             raise ValueError(f"perturbation {self.perturbation!r} needs --agent: the expert is never perturbed")
         if self.seed is None:
-            self.seed = EXPERT_SEEDS if self.agent is None else AGENT_SEEDS
+            self.seed = DEMONSTRATIONS if self.agent is None else PROPOSALS
         if self.seed < 0:
             raise ValueError(f"seed must not be negative, not {self.seed}")
 

@@ -5,10 +5,11 @@ from pathlib import Path
 
 from lerobot.configs import parser
 
-from lerobot_gloves.benchmark.row import read_rows
+from lerobot_gloves.benchmark.folder import pack, read_rows
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.report.csv_file import report_csv
-from lerobot_gloves.report.text import report
+from lerobot_gloves.report.markdown import report_markdown
+from lerobot_gloves.system.files import whole
 
 
 @dataclass
@@ -27,6 +28,8 @@ class ReportConfig:
     csv: Path | None = None
     # File for one HTML page with tables and plots, which needs no other file.
     html: Path | None = None
+    # Folder to write the same rows to as one compressed file, which reads like the rows' own.
+    pack: Path | None = None
     # Whether the paper's own figures stand beside ours.
     paper: bool = False
 
@@ -39,12 +42,14 @@ def write_report(config: ReportConfig) -> None:
         if not folder.is_dir():
             raise FileNotFoundError(f"{folder} is no folder: --rows takes the --output_dir of gloves bench")
     rows = [row for folder in folders for row in read_rows(folder)]
-    text = report(rows, paper=config.paper)
+    text = report_markdown(rows, paper=config.paper)
     print(text, end="")
     if config.output is not None:
         _write(config.output, text)
     if config.csv is not None:
         _write(config.csv, report_csv(rows, paper=config.paper))
+    if config.pack is not None:
+        pack(rows, config.pack)
     if config.html is not None:
         from lerobot_gloves.report.html_page import report_html  # matplotlib takes a second to import
 
@@ -54,7 +59,8 @@ def write_report(config: ReportConfig) -> None:
 def _write(file: Path, text: str) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+        with whole(file) as written:
+            written.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ValueError(f"cannot write {file}: {error.strerror}") from error
 

@@ -1,70 +1,20 @@
 """Batched episodes of a policy, with what LeRobot's own loop drops: how an episode failed, and what was edited."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import torch
-from lerobot.envs import preprocess_observation
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION
-from lerobot.policies.pretrained import PreTrainedPolicy
-from torch import Tensor
 
-from lerobot_gloves.evaluation import histogram
-from lerobot_gloves.evaluation.histogram import Histogram
-
-
-@dataclass
-class Episode:
-    """One episode and what the wrapper did in it.
-
-    Attributes:
-        seed: Seed of its environment.
-        success: Whether it succeeded.
-        failure: Why it did not, in the environment's words; "" for a success.
-        steps: Control steps that it took.
-        chunks: Proposals that an adapter saw.
-        edited: How many of them it edited.
-        distance: Their mean distance between proposed and executed actions, 0 where nothing was edited, in the
-            adapter's normalised units.
-        milliseconds: Mean time of the adapter for one of them, the batch's time shared out.
-        evaluations: Mean network evaluations of the adapter for one of them.
-        scores_left: Histogram of the scores of those that were left as they are; empty if the method asks for none.
-        scores_edited: The same of those that were edited.
-    """
-
-    seed: int
-    success: bool = False
-    failure: str = ""
-    steps: int = 0
-    chunks: int = 0
-    edited: int = 0
-    distance: float = 0.0
-    milliseconds: float = 0.0
-    evaluations: float = 0.0
-    scores_left: Histogram = field(default_factory=dict)
-    scores_edited: Histogram = field(default_factory=dict)
-
-    def note(
-        self, edited: bool, distance: float, milliseconds: float, evaluations: float, score: float | None = None
-    ) -> None:
-        """Count one more chunk."""
-        self.chunks += 1
-        self.edited += edited
-        self.distance += (distance - self.distance) / self.chunks
-        self.milliseconds += (milliseconds - self.milliseconds) / self.chunks
-        self.evaluations += (evaluations - self.evaluations) / self.chunks
-        if score is not None:
-            histogram.add(self.scores_edited if edited else self.scores_left, score)
+from lerobot_gloves.evaluation.agent import WrappedAgent
+from lerobot_gloves.evaluation.episode import Episode
 
 
 def rollout(
     env: gym.vector.SyncVectorEnv,
-    policy: PreTrainedPolicy,
-    prepare: Callable[[dict[str, Any]], dict[str, Any]],
-    finish: Callable[[Tensor], Tensor],
+    agent: WrappedAgent,
     seeds: Sequence[int],
     watch: Callable[[Mapping[str, Any], np.ndarray], None] | None = None,
 ) -> list[Episode]:
@@ -72,14 +22,13 @@ def rollout(
 
     Args:
         env: B environments.
-        policy: Any policy. The wrapper, known by its attributes `running` and `correction`, is told which episodes
+        agent: Any policy. The wrapper, known by its attributes `running` and `correction`, is told which episodes
             still run, and its chunks are counted.
-        prepare: From observations under LeRobot's keys to the policy's input.
-        finish: From the policy's actions (B, A) to the environment's.
         seeds: B seeds of the environments.
         watch: Called once a step, when the policy has acted and before the environments do, with their observations
             and with which episodes still run, bool (B,).
     """
+    policy = agent.policy
     policy.reset()
     observation, _ = env.reset(seed=list(seeds), options={NEW_ROLLOUT_OPTION: True})
     episodes = [Episode(seed) for seed in seeds]
@@ -88,7 +37,7 @@ def rollout(
     for step in range(1, limit + 1):
         if hasattr(policy, "running"):
             policy.running = torch.from_numpy(running.copy())
-        action = act(env, policy, prepare, finish, observation)
+        action = agent.act(env, observation)
         count_chunks(episodes, running, getattr(policy, "correction", None))
         if watch is not None:
             watch(observation, running)
@@ -105,29 +54,6 @@ def rollout(
         if not running.any():
             break
     return episodes
-
-
-def act(
-    env: gym.vector.SyncVectorEnv,
-    policy: PreTrainedPolicy,
-    prepare: Callable[[dict[str, Any]], dict[str, Any]],
-    finish: Callable[[Tensor], Tensor],
-    observation: dict[str, Any],
-) -> Tensor:
-    """The policy's actions (B, A) on what B environments show; see `rollout`."""
-    batch = prepare({**preprocess_observation(observation), "task": tasks(env)})
-    with torch.inference_mode():
-        return finish(policy.select_action(batch))
-
-
-def tasks(env: gym.vector.SyncVectorEnv) -> list[str]:
-    """The task string of each environment, from the attribute that LeRobot prefers."""
-    for name in ("task_description", "task"):
-        try:
-            return list(env.call(name))
-        except (AttributeError, NotImplementedError):
-            continue
-    return [""] * env.num_envs
 
 
 def fact(info: Mapping[str, Any], key: str, row: int, default: Any) -> Any:

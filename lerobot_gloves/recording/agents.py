@@ -16,16 +16,18 @@ from lerobot.utils.constants import ACTION
 from lerobot.utils.random_utils import set_seed
 from torch import Tensor
 
-from lerobot_gloves.benchmark.cell import Setup, environment, load_agent, resolve_perturbation
-from lerobot_gloves.benchmark.row import checkpoint_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
-from lerobot_gloves.evaluation.rollout import rollout, tasks
+from lerobot_gloves.checkpoints.content import checkpoint_hash
+from lerobot_gloves.evaluation.agent import load_agent, resolve_perturbation, task_strings
+from lerobot_gloves.evaluation.environments import environments
+from lerobot_gloves.evaluation.rollout import rollout
 from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
 from lerobot_gloves.recording.sources import agent_task
 from lerobot_gloves.recording.staging import Episode
 from lerobot_gloves.recording.workers import stage_all
+from lerobot_gloves.specification import name_of
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Agent:
     @property
     def source(self) -> str:
         """The label of its chunks, one of `lerobot_gloves.recording.sources.SOURCES`."""
-        return self.perturbation.partition(":")[0]
+        return name_of(self.perturbation)
 
     def settings(self) -> dict[str, Any]:
         """What its episodes depend on; the checkpoint counts by content, wherever it lies.
@@ -107,10 +109,7 @@ def record(
 
 def _stage(env_config: Recordable, agent: Agent, folder: Path, seed: int, batches: Sequence[range]) -> Iterator[None]:
     torch.set_num_threads(1)  # the order of sums, and with it the last bits of an action, depend on it
-    # Only its environments are of interest here.
-    size = agent.batch_size
-    setup = Setup(env=cast(EnvConfig, env_config), agent=agent.checkpoint, episodes=size, batch_size=size)
-    with environment(setup) as env:
+    with environments(cast(EnvConfig, env_config), agent.batch_size) as env:
         for batch in batches:
             # The last batch is as large as the others; what is too many of it is dropped.
             for index, episode in zip(batch, play(env_config, agent, env, seed + batch.start), strict=False):
@@ -132,23 +131,22 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
     """
     gc.collect()  # the last batch's agent refers to itself, and a GPU may not hold two
     set_seed(seed)  # for agents that draw from the global generators
-    policy, prepare, finish = load_agent(cast(EnvConfig, env_config), agent.checkpoint, agent.perturbation, seed)
-    listener = Listener(policy.config.perturbation)
-    policy.config.perturbation = listener
+    wrapped = load_agent(cast(EnvConfig, env_config), agent.checkpoint, agent.perturbation, seed)
+    listener = Listener(wrapped.policy.config.perturbation)
+    wrapped.policy.config.perturbation = listener
     queries: dict[int, list[dict[str, np.ndarray]]] = defaultdict(list)
 
     def watch(observation: Mapping[str, Any], running: np.ndarray) -> None:
         proposal, listener.proposal = listener.proposal, None
         if proposal is None:
             return
-        modes = np.array([[env_config.modes.index(task)] for task in tasks(env)], dtype=np.int64)
+        modes = np.array([[env_config.modes.index(task)] for task in task_strings(env)], dtype=np.int64)
         columns = {**features(env_config, observation), ACTION: proposal.cpu().numpy(), MODE: modes}
         for row in running.nonzero()[0]:
             queries[row].append({key: np.array(values[row]) for key, values in columns.items()})
 
-    device = torch.device(policy.config.device).type
-    with torch.autocast(device, enabled=policy.config.use_amp):
-        played = rollout(env, policy, prepare, finish, range(seed, seed + env.num_envs), watch)
+    with wrapped.autocast:
+        played = rollout(env, wrapped, range(seed, seed + env.num_envs), watch)
     episodes = []
     for row, outcome in enumerate(played):
         lengths = {len(query[ACTION]) for query in queries[row]}

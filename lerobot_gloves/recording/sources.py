@@ -18,6 +18,11 @@ observations and actions, and merges only datasets whose columns agree.
 """
 
 import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lerobot.datasets import LeRobotDatasetMetadata
 
 SOURCES = ("expert", "none", "noised", "laggy", "slow", "shift")
 """Who made a chunk: the expert, the agent as it is, the agent under a perturbation. The order is the label's index."""
@@ -57,3 +62,16 @@ def source_of(task: str) -> tuple[str, int]:
     source, length = match["source"], int(match["length"])
     agent_task(source, length)
     return source, length
+
+
+def expert_episodes(episodes: Sequence[int], meta: "LeRobotDatasetMetadata") -> list[int]:
+    """Those of a dataset's episodes that no agent made.
+
+    Raises:
+        ValueError: If none is left.
+    """
+    tasks = meta.episodes["tasks"]
+    experts = [episode for episode in episodes if source_of(tasks[episode][0])[0] == SOURCES[0]]
+    if not experts:
+        raise ValueError(f"all {len(episodes)} episodes are an agent's: calibrate on the expert's")
+    return experts

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_gloves.benchmark.local_workers import interrupts_ignored
 from lerobot_gloves.recording import staging
+from lerobot_gloves.system.interrupts import interrupts_ignored
 
 type Stage = Callable[[Sequence[range]], Iterator[None]]
 """Plays and saves parts of a recording one after the other and yields behind each."""

@@ -8,7 +8,8 @@ from typing import Any
 from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.report.paper import SOURCE
 from lerobot_gloves.report.summary import Result, Section, summarise
-from lerobot_gloves.report.tables import kind, paper_lines
+from lerobot_gloves.report.tables import paper_lines
+from lerobot_gloves.specification import name_of
 
 KEYS = ("task", "split", "agent", "perturbation", "strength", "method", "specification", "adapter", "source")
 FIGURES = (
@@ -45,7 +46,7 @@ def report_csv(rows: Sequence[Row], *, paper: bool = False) -> str:
             for method, figure in figures.items():
                 named = {
                     "task": task,
-                    "perturbation": kind(perturbation),
+                    "perturbation": name_of(perturbation),
                     "strength": perturbation,
                     "method": method,
                     "source": SOURCE,
@@ -64,8 +65,8 @@ def _keys(section: Section, perturbation: str, method: str) -> dict[str, Any]:
         "perturbation": perturbation,
         "strength": section.perturbations[perturbation],
         "method": method,
-        "specification": row["conditions"].get("method"),
-        "adapter": row["checkpoints"].get("adapter") if "adapter" in row["conditions"] else None,
+        "specification": row.specification,
+        "adapter": row.checkpoints.get("adapter") if "adapter" in row.conditions else None,
         "source": "measured",
     }
 

@@ -1,16 +1,34 @@
-"""Markdown tables."""
+"""Rows to Markdown: success, difference to the raw agent, edits, cost and failures."""
 
 from collections.abc import Sequence
 
-from lerobot_gloves.report.tables import Entry, Table
+from lerobot_gloves.benchmark.row import Row
+from lerobot_gloves.report.summary import Section, summarise
+from lerobot_gloves.report.tables import Entry, Table, definitions, facts, headline, overview, tables
+from lerobot_gloves.system.text import markdown_table
 
 
-def markdown_table(lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table of lines of equally many cells, headers first; its columns line up in a terminal as well."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    padded = [[text.ljust(width) for text, width in zip(line, widths, strict=True)] for line in lines]
-    padded.insert(1, ["-" * width for width in widths])
-    return "\n".join(f"| {' | '.join(line)} |" for line in padded)
+def report_markdown(rows: Sequence[Row], *, paper: bool = False) -> str:
+    """The tables of a benchmark, one line a perturbation and one column a method.
+
+    Args:
+        rows: What `gloves bench` left, of one task or several.
+        paper: Whether the paper's own lines stand beside ours.
+
+    Raises:
+        ValueError: If there are no rows, or they contradict each other.
+    """
+    sections = summarise(rows)
+    parts = ["## All tasks", markdown(overview(sections, paper=paper))] if len(sections) > 1 else []
+    for section in sections:
+        parts += _section(section, paper=paper)
+    return "\n\n".join(parts) + "\n"
+
+
+def _section(section: Section, *, paper: bool) -> list[str]:
+    defined = "\n".join(f"- {line}" for line in definitions(section))
+    tabulated = [markdown(table) for table in tables(section, paper=paper)]
+    return [f"## {headline(section)}", facts(section), *([defined] if defined else []), *tabulated]
 
 
 def markdown(table: Table) -> str:

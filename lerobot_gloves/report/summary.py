@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import Any
 
-from lerobot_gloves.benchmark.cell import NONE
-from lerobot_gloves.benchmark.row import SHARED, Row
+from lerobot_gloves.benchmark.alike import Conditions, parts, shared
+from lerobot_gloves.benchmark.cell import gated
+from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.evaluation import histogram
-from lerobot_gloves.evaluation.rollout import Episode
+from lerobot_gloves.evaluation.episode import Episode
 from lerobot_gloves.report.paper import COLUMNS, KINDS
 from lerobot_gloves.report.statistics import PairedDifference, paired_difference, wilson
+from lerobot_gloves.specification import NONE, name_of
 
-AGENT = COLUMNS[0]
-
-type Episodes = dict[tuple[int, int], Episode]
+type _Episodes = dict[tuple[int, int], Episode]
 """Episodes of one perturbation and method, by the policies' seed and the environment's."""
 
 
@@ -92,29 +92,12 @@ class Section:
     @property
     def raw(self) -> str | None:
         """The raw agent's column, if it was run."""
-        return next((name for name, row in self.methods.items() if row["cell"]["method"] == NONE), None)
+        return next((name for name, row in self.methods.items() if row.cell.raw), None)
 
     @property
     def seeds(self) -> int:
         """The most seeds that a result has."""
         return max(result.seeds for result in self.results.values())
-
-
-def task(row: Row) -> str:
-    """The name that a row's task was given, or else its `--env.type`."""
-    return str(row["cell"].get("task") or row["conditions"]["env"]["type"])
-
-
-def column(row: Row) -> str:
-    """A row's column in the tables: the label that its method was given, or else the method itself."""
-    cell = row["cell"]
-    return str(cell.get("label") or (AGENT if cell["method"] == NONE else cell["method"]))
-
-
-def line(row: Row) -> str:
-    """A row's line in the tables: the label that its perturbation was given, or else the perturbation itself."""
-    cell = row["cell"]
-    return str(cell.get("perturbation_label") or cell["perturbation"])
 
 
 def summarise(rows: Sequence[Row]) -> list[Section]:
@@ -127,36 +110,34 @@ def summarise(rows: Sequence[Row]) -> list[Section]:
         raise ValueError("there are no rows to report")
     sections: dict[str, list[Row]] = defaultdict(list)
     for row in rows:
-        shared = [row["conditions"].get(key) for key in SHARED]
-        sections[json.dumps([task(row), *shared], sort_keys=True)].append(row)
+        sections[json.dumps([row.task, shared(row.conditions)], sort_keys=True)].append(row)
     return [_section(together) for together in sections.values()]
 
 
 def _section(rows: Sequence[Row]) -> Section:
     _check_made_alike(rows)
-    found: dict[tuple[str, str], Episodes] = defaultdict(dict)
+    found: dict[tuple[str, str], _Episodes] = defaultdict(dict)
     for row in _without_repetitions(rows):
-        cell = row["cell"]
-        for episode in (Episode(**values) for values in row["episodes"]):
-            found[line(row), column(row)][cell["seed"], episode.seed] = episode
+        for episode in row.episodes:
+            found[row.cell.line, row.cell.column][row.cell.seed, episode.seed] = episode
     methods: dict[str, Row] = {}
     for row in sorted(rows, key=_column_order):
-        methods.setdefault(column(row), row)
-    raw = next((name for name, row in methods.items() if row["cell"]["method"] == NONE), None)
+        methods.setdefault(row.cell.column, row)
+    raw = next((name for name, row in methods.items() if row.cell.raw), None)
     results = {
         (perturbation, name): _result(episodes, {} if name == raw else found.get((perturbation, raw or ""), {}))
         for (perturbation, name), episodes in found.items()
     }
-    perturbations = {line(row): str(row["conditions"]["perturbation"]) for row in sorted(rows, key=_line_order)}
+    perturbations = {row.cell.line: str(row.conditions["perturbation"]) for row in sorted(rows, key=_line_order)}
     for name in perturbations:
         played = {method: episodes.keys() for (here, method), episodes in found.items() if here == name}
         if len(set(map(frozenset, played.values()))) == 1:
             for method, rank in ranks({method: results[name, method].mean for method in played}).items():
                 results[name, method] = replace(results[name, method], rank=rank)
     return Section(
-        name=task(rows[0]),
-        shared={key: rows[0]["conditions"].get(key) for key in SHARED},
-        agent=rows[0]["checkpoints"]["agent"],
+        name=rows[0].task,
+        shared=shared(rows[0].conditions),
+        agent=str(rows[0].checkpoints["agent"]),
         methods=methods,
         perturbations=perturbations,
         results=results,
@@ -165,19 +146,12 @@ def _section(rows: Sequence[Row]) -> Section:
 
 def _check_made_alike(rows: Sequence[Row]) -> None:
     """Refuse to put what was made in different ways into one line or column."""
-    lines: dict[str, Any] = {}
-    columns: dict[str, Any] = {}
-    both: dict[str, Any] = {}
+    known: dict[tuple[str, ...], Conditions] = {}
     for row in rows:
-        conditions = {key: value for key, value in row["conditions"].items() if key not in SHARED}
-        perturbation, agent_flow = conditions.pop("perturbation", None), conditions.pop("agent_flow", None)
-        for known, name, here in (
-            (lines, line(row), perturbation),
-            (columns, column(row), conditions),
-            (both, f"{line(row)} / {column(row)}", agent_flow),
-        ):
-            if known.setdefault(name, here) != here:
-                raise ValueError(f"rows of {name!r} were made in two ways, {known[name]} and {here}: report them apart")
+        for part, here in parts(row.cell, row.conditions):
+            if known.setdefault(part, here) != here:
+                name = " / ".join(part[2:])
+                raise ValueError(f"rows of {name!r} were made in two ways, {known[part]} and {here}: report them apart")
 
 
 def _without_repetitions(rows: Sequence[Row]) -> Iterable[Row]:
@@ -188,8 +162,8 @@ def _without_repetitions(rows: Sequence[Row]) -> Iterable[Row]:
     """
     outcomes: dict[tuple[str, str, int], list[tuple[int, bool]]] = {}
     for row in rows:
-        key = (line(row), column(row), row["cell"]["seed"])
-        here = [(episode["seed"], episode["success"]) for episode in row["episodes"]]
+        key = (row.cell.line, row.cell.column, row.cell.seed)
+        here = [(episode.seed, episode.success) for episode in row.episodes]
         if key not in outcomes:
             outcomes[key] = here
             yield row
@@ -198,7 +172,7 @@ def _without_repetitions(rows: Sequence[Row]) -> Iterable[Row]:
             raise ValueError(f"{cell} is there twice, with different outcomes: report only one of the folders")
 
 
-def _result(episodes: Episodes, raw: Episodes) -> Result:
+def _result(episodes: _Episodes, raw: _Episodes) -> Result:
     by_seed = defaultdict(list)
     for (seed, _), episode in episodes.items():
         by_seed[seed].append(episode.success)
@@ -245,15 +219,14 @@ def ranks(rates: Mapping[str, float]) -> dict[str, int]:
 
 def _column_order(row: Row) -> tuple[int, str]:
     """The paper's order; a method of another name stands where the paper has its editor."""
-    method = row["cell"]["method"]
-    editor, gated = method.partition(":")[0].removesuffix("+gate"), method.endswith("+gate")
+    cell, editor = row.cell, name_of(row.cell.editor)
     places = {label.lower(): place for place, label in enumerate(COLUMNS)} | {NONE: 0}
-    found = [name.lower() for name in (column(row), editor + "+gate" * gated, editor) if name.lower() in places]
-    return places[found[0]] if found else len(COLUMNS), column(row)
+    found = [name.lower() for name in (cell.column, gated(editor, cell.gate), editor) if name.lower() in places]
+    return places[found[0]] if found else len(COLUMNS), cell.column
 
 
 def _line_order(row: Row) -> tuple[int, str]:
     """Nothing perturbed first, then the paper's order."""
     order = (NONE, *KINDS)
-    kind = row["conditions"]["perturbation"].partition(":")[0]
-    return order.index(kind) if kind in order else len(order), line(row)
+    kind = name_of(row.conditions["perturbation"])
+    return order.index(kind) if kind in order else len(order), row.cell.line

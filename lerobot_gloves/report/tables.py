@@ -4,17 +4,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lerobot_gloves.benchmark.adapter_options import PERTURBED
-from lerobot_gloves.benchmark.cell import NONE
+from lerobot_gloves.benchmark.cell import PERTURBED
 from lerobot_gloves.report.paper import COLUMNS, SOURCE, Published, published
 from lerobot_gloves.report.statistics import PairedDifference
 from lerobot_gloves.report.summary import Result, Section, ranks
+from lerobot_gloves.specification import NONE, name_of
 
 MISSING = "–"
 MARKS = "best and second best marked where all played the same episodes"
 PAPER_LINES = f"Lines named published are the paper's own figures, from its table {SOURCE}."
 
-type Figures = dict[str, dict[str, Published]]
+type _Figures = dict[str, dict[str, Published]]
 """Lines of the paper's table: by perturbation, by method."""
 
 
@@ -98,27 +98,22 @@ def overview(sections: Sequence[Section], *, paper: bool) -> Table:
     return Table(caption, ["task", "perturbation", *columns], lines)
 
 
-def comparable(section: Section) -> Figures:
+def comparable(section: Section) -> _Figures:
     """The paper's lines for the kinds of perturbation that a section has, in their order."""
-    kinds = {kind(written_out) for written_out in section.perturbations.values()}
-    return {line: figures for line, figures in published(section.task).items() if kind(line) in kinds}
+    kinds = {name_of(written_out) for written_out in section.perturbations.values()}
+    return {line: figures for line, figures in published(section.task).items() if name_of(line) in kinds}
 
 
-def paper_lines(sections: Sequence[Section]) -> dict[str, Figures]:
+def paper_lines(sections: Sequence[Section]) -> dict[str, _Figures]:
     """The paper's lines for several sections, by task."""
-    lines: dict[str, Figures] = {}
+    lines: dict[str, _Figures] = {}
     for section in sections:
         lines[section.task] = lines.get(section.task, {}) | comparable(section)
     return lines
 
 
-def kind(perturbation: str) -> str:
-    """A perturbation's name without its strength, from its specification."""
-    return perturbation.partition(":")[0]
-
-
 def _success_lines(
-    section: Section, columns: Sequence[str], theirs: Figures, text: Callable[[Result], str]
+    section: Section, columns: Sequence[str], theirs: _Figures, text: Callable[[Result], str]
 ) -> list[list[Entry]]:
     """A section's lines, and below the last one of a kind the paper's."""
 
@@ -128,14 +123,14 @@ def _success_lines(
         return text(result) + fewer
 
     lines = []
-    kinds = [kind(written_out) for written_out in section.perturbations.values()]
+    kinds = [name_of(written_out) for written_out in section.perturbations.values()]
     for place, perturbation in enumerate(section.perturbations):
         lines.append([Entry(perturbation), *(_of(section, perturbation, name, played) for name in columns)])
         if kinds[place] not in kinds[place + 1 :]:
             lines += [
                 _published_line(f"{specification}, published", columns, figures)
                 for specification, figures in theirs.items()
-                if kind(specification) == kinds[place]
+                if name_of(specification) == kinds[place]
             ]
     return lines
 
@@ -231,12 +226,12 @@ def definitions(section: Section) -> list[str]:
     told = [f"{name}: {written_out}" for name, written_out in section.perturbations.items() if ":" not in name]
     told = [definition for definition in told if definition != f"{NONE}: {NONE}"]
     for name, row in section.methods.items():
-        own = row["conditions"]
-        if row["cell"]["method"] == NONE:
+        own = row.conditions
+        if row.cell.raw:
             continue
         scored = [f"score {own['score']}", f"alpha {own['alpha']}"] if own.get("score") else []
-        adapter = f"adapter {row['checkpoints']['adapter']} ({own['adapter'][:12]})"
-        told.append(", ".join([f"{name}: {own['method']}", *scored, adapter, *described(own.get("options") or {})]))
+        adapter = f"adapter {row.checkpoints['adapter']} ({own['adapter'][:12]})"
+        told.append(", ".join([f"{name}: {row.specification}", *scored, adapter, *described(own.get("options") or {})]))
     return told
 
 
