@@ -15,6 +15,8 @@ import torch
 
 torch.set_num_threads(1)
 
+pytest_plugins = ["tests.straight"]
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Slow tests go first, so that no worker is left alone with one while the others have nothing to do."""

@@ -49,7 +49,10 @@ def _contents(folder: Path) -> Iterator[tuple[Path, Any]]:
     try:
         if packed.exists():
             file = packed
-            for line in gzip.decompress(packed.read_bytes()).decode().splitlines():
+            lines = gzip.decompress(packed.read_bytes()).decode().splitlines()
+            if not lines:
+                raise EOFError("it is empty")
+            for line in lines:
                 yield file, json.loads(line)
         for file in sorted(folder.glob("*.json")):
             yield file, json.loads(file.read_text())

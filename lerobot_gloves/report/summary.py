@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import Any
 
-from lerobot_gloves.benchmark.alike import Conditions, parts, shared
+from lerobot_gloves.benchmark.alike import Conditions, differences, parts, shared
 from lerobot_gloves.benchmark.cell import gated
 from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.evaluation import histogram
@@ -149,9 +149,10 @@ def _check_made_alike(rows: Sequence[Row]) -> None:
     known: dict[tuple[str, ...], Conditions] = {}
     for row in rows:
         for part, here in parts(row.cell, row.conditions):
-            if known.setdefault(part, here) != here:
-                name = " / ".join(part[2:])
-                raise ValueError(f"rows of {name!r} were made in two ways, {known[part]} and {here}: report them apart")
+            first = known.setdefault(part, here)
+            if first != here:
+                ways = " and ".join(", ".join(differences(*pair)) for pair in ((here, first), (first, here)))
+                raise ValueError(f"rows of {' / '.join(part[2:])!r} were made in two ways, {ways}: report them apart")
 
 
 def _without_repetitions(rows: Sequence[Row]) -> Iterable[Row]:

@@ -1,11 +1,13 @@
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from lerobot_gloves.benchmark.row import read_rows
+from lerobot_gloves.benchmark.cell import Cell
+from lerobot_gloves.benchmark.folder import read_rows
+from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.commands import main
 
 
@@ -19,12 +21,11 @@ def gloves(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
     return ""
 
 
-def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    for row in rows:
-        row.pop("seconds")
-        for episode in row["episodes"]:
-            episode.pop("milliseconds")
-    return rows
+def without_times(rows: list[Row]) -> list[Row]:
+    return [
+        replace(row, seconds=0.0, episodes=tuple(replace(one, milliseconds=0.0) for one in row.episodes))
+        for row in rows
+    ]
 
 
 def test_bench_then_report(
@@ -36,7 +37,7 @@ def test_bench_then_report(
     rows = read_rows(tmp_path / "rows")
     assert len(rows) == 8
     assert {file.suffix for file in (tmp_path / "rows").iterdir()} == {".json"}, "no locks, no parts"
-    assert [episode["seed"] for episode in rows[-1]["episodes"]] == [10100, 10101, 10102]
+    assert [episode.seed for episode in rows[-1].episodes] == [10100, 10101, 10102]
     assert printed.startswith("## gloves_slalom, test split")
 
     assert gloves(monkeypatch, "report", f"--rows={tmp_path / 'rows'}", f"--output={tmp_path / 'new' / 'r.md'}") == ""
@@ -77,7 +78,10 @@ def test_running_again_runs_what_is_missing(
         ("--adapter=/no/thing", "--adapter=/no/thing is no checkpoint's folder"),
         ("--env.obs_type=touch", "Slalom has no obs_type 'touch'"),
         ("--env.episode_length=0", "episode_length is 0, but must be at least 1"),
-        ("--env.obs_type=pixels_agent_pos", "the agent needs observation.environment_state, but gloves_slalom"),
+        (
+            "--env.obs_type=pixels_agent_pos",
+            "the agent needs observation.environment_state (12,), but gloves_slalom has a",
+        ),
         ("--methods=[feeg", "the value of an option is not YAML: "),
         ("--num_workers=0", "num_workers is 0"),
     ],
@@ -102,8 +106,8 @@ def test_a_failed_cell_stops_no_other(
     """Slalom has no action dimension 7, which only shows while the cell runs."""
     said = gloves(monkeypatch, "bench", *options, '--perturbations=["shift:dim=7", none]')
     assert said == "gloves bench: 1 cell(s) failed, see above; run the command again to try only those"
-    assert "shift:dim=7 / none / seed 0 failed: ValueError: Shift: dim is 7" in capsys.readouterr().err
-    assert [row["cell"]["perturbation"] for row in read_rows(tmp_path / "rows")] == ["none"]
+    assert "shift:dim=7 / agent / seed 0 failed: ValueError: Shift: dim is 7" in capsys.readouterr().err
+    assert [row.cell.perturbation for row in read_rows(tmp_path / "rows")] == ["none"]
 
 
 FILE = """
@@ -141,8 +145,7 @@ def test_a_file_of_two_tasks(
     printed = capsys.readouterr().out
     rows = read_rows(tmp_path / "rows")
     assert {
-        file.stem: row["conditions"]["method"]
-        for file, row in zip(sorted((tmp_path / "rows").iterdir()), rows, strict=True)
+        file.stem: row.specification for file, row in zip(sorted((tmp_path / "rows").iterdir()), rows, strict=True)
     } == {
         "short__none__agent__seed0": "none",
         "short__none__FEEG+gate__seed0": "feeg:start=0.5,steps=10,align=1.0+gate",
@@ -150,17 +153,12 @@ def test_a_file_of_two_tasks(
         "short__noised__FEEG+gate__seed0": "feeg:start=0.5,steps=10,align=1.0+gate",
         "shorter__noised__FEEG__seed0": "feeg:start=0.2,steps=10,align=1.0",
     }
-    shorter = next(row for row in rows if row["cell"]["task"] == "shorter")
-    assert shorter["cell"] == {
-        "task": "shorter",
-        "perturbation": "noised:sigma=0.01",
-        "perturbation_label": "noised",
-        "method": "feeg:start=0.2",
-        "label": "FEEG",
-        "seed": 0,
-    }
-    assert (shorter["conditions"]["alpha"], shorter["conditions"]["env"]["episode_length"]) == (0.2, 12)
-    assert {episode["steps"] for episode in shorter["episodes"]} == {12}
+    shorter = next(row for row in rows if row.task == "shorter")
+    assert shorter.cell == Cell(
+        "noised:sigma=0.01", "feeg:start=0.2", 0, task="shorter", perturbation_label="noised", label="FEEG"
+    )
+    assert (shorter.conditions["alpha"], shorter.conditions["env"]["episode_length"]) == (0.2, 12)
+    assert {episode.steps for episode in shorter.episodes} == {12}
     assert "FEEG+gate" in printed and "FEEG:" in printed
 
 
@@ -170,7 +168,7 @@ def test_options_select_and_override_what_a_file_says(
     options = ["--perturbations=[noised]", "--methods=[FEEG]", "--seeds=[2]", "--tasks.shorter.methods.FEEG.alpha=0.3"]
     assert gloves(monkeypatch, "bench", *file, *options) == ""
     (row,) = read_rows(tmp_path / "rows")
-    assert (row["cell"]["task"], row["cell"]["seed"], row["conditions"]["alpha"]) == ("shorter", 2, 0.3)
+    assert (row.cell.task, row.cell.seed, row.conditions["alpha"]) == ("shorter", 2, 0.3)
 
 
 def test_a_cell_alone_is_the_cell_in_its_matrix(
@@ -253,7 +251,7 @@ def test_a_full_disk_ends_the_run_and_keeps_rows(
     said = gloves(monkeypatch, "bench", *options, "--seeds=[0, 1, 2]")
     assert said.startswith("gloves bench: [Errno 28] No space left on device: '")
     assert said.endswith("seed1.json'; finished cells are kept: run the command again to go on")
-    assert [file.name for file in (tmp_path / "rows").iterdir()] == ["gloves_slalom__none__none__seed0.json"]
+    assert [file.name for file in (tmp_path / "rows").iterdir()] == ["gloves_slalom__none__agent__seed0.json"]
     monkeypatch.undo()
     assert gloves(monkeypatch, "bench", *options, "--seeds=[0, 1, 2]") == ""
     assert len(read_rows(tmp_path / "rows")) == 3
@@ -275,7 +273,7 @@ def test_search(
     assert gloves(monkeypatch, "bench", *options, "--split=validation", "--methods=[FEEG+gate]") == ""
     printed = capsys.readouterr().out
     assert printed.startswith("short, FEEG+gate: success in % on validation seeds, best first.")
-    assert {episode["seed"] for row in read_rows(tmp_path / "search") for episode in row["episodes"]} == {
+    assert {episode.seed for row in read_rows(tmp_path / "search") for episode in row.episodes} == {
         20000,
         20001,
         20002,
@@ -284,9 +282,9 @@ def test_search(
     rows = read_rows(tmp_path / "rows")
     best = next(line.split("|")[1].strip() for line in printed.splitlines() if line.startswith("| feeg"))
     for row in rows:
-        assert row["cell"]["method"] == best.partition(",")[0] + "+gate"
-        assert row["conditions"]["alpha"] == (0.2 if "alpha 0.2" in best else 0.05)
-    assert [row["episodes"][0]["seed"] for row in rows] == [10000, 10000]
+        assert (row.cell.editor, row.cell.gate) == (best.partition(",")[0], True)
+        assert row.conditions["alpha"] == (0.2 if "alpha 0.2" in best else 0.05)
+    assert [row.episodes[0].seed for row in rows] == [10000, 10000]
 
 
 def test_report_of_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

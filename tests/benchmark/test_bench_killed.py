@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from lerobot_gloves.benchmark.row import read_rows
+from lerobot_gloves.benchmark.folder import read_rows
 from tests.benchmark.test_bench import gloves, without_times
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import psutil
 import pytest
 
-from lerobot_gloves.benchmark.row import read_rows
+from lerobot_gloves.benchmark.folder import read_rows
 from tests.benchmark.conftest import QUICK
 from tests.benchmark.test_bench import gloves, without_times
 from tests.benchmark.test_bench_killed import start, wait_for_rows

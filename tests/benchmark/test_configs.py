@@ -10,12 +10,15 @@ import pytest
 from lerobot.policies import get_policy_class
 
 import lerobot_policy_gloves  # noqa: F401, registers the policies
-from lerobot_gloves.benchmark import row as rows
-from lerobot_gloves.benchmark.cell import Setup, resolve_perturbation
+from lerobot_gloves.benchmark import plan as planning
+from lerobot_gloves.benchmark.cell import Cell
+from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.benchmark.matrix import cells
 from lerobot_gloves.benchmark.matrix_file import complete
 from lerobot_gloves.benchmark.search import check_search
+from lerobot_gloves.benchmark.setup import Setup
 from lerobot_gloves.commands.bench import BenchConfig
+from lerobot_gloves.evaluation.agent import resolve_perturbation
 from lerobot_gloves.report.paper import COLUMNS
 from lerobot_gloves.specification import parse
 
@@ -37,17 +40,17 @@ def read(name: str) -> BenchConfig:
     return draccus.parse(BenchConfig, config_path=BENCH / name, args=[a for a in arguments if "config_path" not in a])
 
 
-def check(setup: Setup, method: str) -> None:
+def check(setup: Setup, cell: Cell) -> None:
     """The editor and the score are the adapter's, whose type its folder's name tells."""
     if setup.adapter is None:
-        assert method == "none"
+        assert cell.raw
         return
     adapter = get_policy_class(TYPES[Path(setup.adapter).parts[2]])
-    parse(method.removesuffix("+gate"), adapter.editors, "method")
+    parse(cell.editor, adapter.editors, "method")
     if adapter.scores:
         parse(setup.score or next(iter(adapter.scores)), adapter.scores, "score")
     else:
-        assert setup.score is None and not method.endswith("+gate")
+        assert setup.score is None and not cell.gate
 
 
 TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
@@ -63,7 +66,7 @@ def test_every_cell_is_valid(name: str) -> None:
     for setup, cell in cells(config.matrix(), config.seeds, **shared):
         resolve_perturbation(cell.perturbation)
         if (cell.task, cell.column) not in seen:
-            check(setup, cell.method)
+            check(setup, cell)
         seen.add((cell.task, cell.column))
 
 
@@ -107,21 +110,21 @@ def test_the_published_rows_are_those_of_the_shipped_matrix(monkeypatch: pytest.
     """Run again beside them, it would find nothing to play; their checkpoints are taken at the rows' word."""
     folder = ROOT / "docs" / "rows" / "2_slalom"
     hashes = {
-        row["checkpoints"][role]: row["conditions"][role]
-        for row in rows.read_rows(folder)
+        row.checkpoints[role]: row.conditions[role]
+        for row in read_rows(folder)
         for role in ("agent", "adapter")
-        if row["checkpoints"][role]
+        if row.checkpoints[role]
     }
 
     def config(option: str, checkpoint: str, overrides: Sequence[str] = ()) -> SimpleNamespace:
         return SimpleNamespace(type=TYPES.get(Path(checkpoint).parts[2]))
 
-    monkeypatch.setattr(rows, "checkpoint_hash", hashes.__getitem__)
-    for module in ("rows", "cell"):
+    monkeypatch.setattr(planning, "checkpoint_hash", hashes.__getitem__)
+    for module in ("plan", "setup"):
         monkeypatch.setattr(f"lerobot_gloves.benchmark.{module}.checkpoint_config", config)
     monkeypatch.chdir(ROOT)  # which `chosen` is relative to
     matrix = read("slalom.yaml")
     shared = {"split": matrix.split, "episodes": matrix.episodes, "batch_size": matrix.batch_size}
-    jobs = rows.plan(cells(matrix.matrix(), matrix.seeds, **shared))
-    assert rows.finished_cells(folder, jobs) == {job.cell for job in jobs}
-    assert len(jobs) == len(rows.read_rows(folder)) == 560
+    jobs = planning.plan(cells(matrix.matrix(), matrix.seeds, **shared))
+    assert planning.finished_cells(folder, jobs) == {job.cell for job in jobs}
+    assert len(jobs) == len(read_rows(folder)) == 560

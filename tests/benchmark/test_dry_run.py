@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_gloves.benchmark import workers
+from lerobot_gloves.benchmark import play
 from tests.benchmark.test_bench import gloves
 from tests.builders import save_policy
 
@@ -33,7 +33,7 @@ def uncalibrated(tmp_path: Path) -> str:
 def said(method: str, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """What the command ends with; no cell may begin."""
     (tmp_path / "bench.yaml").write_text(FILE.format(agent=agent, method=method))
-    monkeypatch.setattr(workers, "run", lambda *_: pytest.fail("a cell was played"))
+    monkeypatch.setattr(play, "run", lambda *_: pytest.fail("a cell was played"))
     line = gloves(monkeypatch, "bench", f"--config_path={tmp_path / 'bench.yaml'}", f"--output_dir={tmp_path / 'rows'}")
     assert "\n" not in line and not list(tmp_path.glob("rows/*"))
     return line
@@ -89,7 +89,7 @@ def test_a_method_that_cannot_work(
 @pytest.mark.parametrize("extra", ["slalom", "keypad"])
 def test_an_unusable_simulator(extra: str, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it is another version or not there, the line says what to install."""
-    monkeypatch.setattr(workers, "run", lambda *_: pytest.fail("a cell was played"))
+    monkeypatch.setattr(play, "run", lambda *_: pytest.fail("a cell was played"))
     command = ["bench", f"--env.type=gloves_{extra}", f"--agent={agent}", f"--output_dir={tmp_path}", "--seeds=[0, 1]"]
     mujoco = importlib.import_module("mujoco")
     with monkeypatch.context() as patch:
@@ -112,8 +112,7 @@ def test_a_fault_of_ours_is_left_to_the_cells_which_keep_its_traceback(
     def broken(*_: object) -> None:
         raise RuntimeError("not the user's")
 
-    monkeypatch.setattr("lerobot_gloves.evaluation.rollout.act", broken)
-    monkeypatch.setattr("lerobot_gloves.benchmark.dry_run.act", broken)
+    monkeypatch.setattr("lerobot_gloves.evaluation.agent.WrappedAgent.act", broken)
     assert gloves(monkeypatch, "bench", *options).startswith("gloves bench: 1 cell(s) failed, see above")
     (log,) = (tmp_path / "rows").glob("*.failed")
     assert "RuntimeError: not the user's" in log.read_text() and "in broken" in log.read_text()

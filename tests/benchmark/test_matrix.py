@@ -35,13 +35,13 @@ def test_a_cell_has_what_its_task_and_method_say() -> None:
         for setup, cell in cells({"slalom": SLALOM, "short": SHORT}, [0], **SHARED)
     }
     setup, cell = found["slalom", "FEEG+gate"]
-    assert (cell.perturbation, cell.method) == ("noised:sigma=0.005", "feeg:start=0.4+gate")
+    assert (cell.perturbation, cell.editor, cell.gate) == ("noised:sigma=0.005", "feeg:start=0.4", True)
     assert (setup.agent, setup.adapter, setup.alpha, setup.score) == ("a", "expert", 0.1, "reverse:steps=5")
     assert (setup.split, setup.episodes, setup.batch_size) == ("test", 2, 2)
-    assert found["slalom", "FEEG"][1].method == "feeg:start=0.2"
+    assert (found["slalom", "FEEG"][1].editor, found["slalom", "FEEG"][1].gate) == ("feeg:start=0.2", False)
     assert found["slalom", "CSA"][0].options == {"adapter_rename_map": {"a": "b"}}
     setup, cell = found["short", "agent"]
-    assert (setup.agent, setup.adapter, cell.method) == ("b", None, "none")
+    assert (setup.agent, setup.adapter, cell.editor) == ("b", None, "none")
     assert setup.env.episode_length == 20
 
 
@@ -49,10 +49,10 @@ def test_a_task_without_a_file_has_no_labels() -> None:
     tasks = single_task(SlalomEnv(), "a", "b", ["none", "slow"], ["none", "feeg+gate"], score=None, alpha=0.2)
     found = list(cells(tasks, [0], **SHARED))
     assert [str(cell) for _, cell in found] == [
-        f"gloves_slalom / {line} / {column} / seed 0" for line in ("none", "slow") for column in ("none", "feeg+gate")
+        f"gloves_slalom / {line} / {column} / seed 0" for line in ("none", "slow") for column in ("agent", "feeg+gate")
     ]
     assert all(cell.label == cell.perturbation_label == "" for _, cell in found)
-    assert found[-1][1].method == "feeg+gate" and found[-1][0].alpha == 0.2
+    assert (found[-1][1].editor, found[-1][1].gate, found[-1][0].alpha) == ("feeg", True, 0.2)
 
 
 def test_select_by_label() -> None:
@@ -83,9 +83,9 @@ def test_settings_are_tried_under_names_of_their_own() -> None:
         "FEEG+gate (feeg:start=0.1, score s, alpha 0.3)",
     ]
     first, second, third = tried.values()
-    assert (first.specification, first.alpha, first.score) == ("feeg:start=0.1+gate", 0.1, "reverse:steps=5")
-    assert (second.specification, second.alpha, second.score) == ("feeg:start=0.4+gate", 0.2, "reverse:steps=5")
-    assert (third.specification, third.alpha, third.score) == ("feeg:start=0.1+gate", 0.3, "s")
+    assert (first.editor, first.gate, first.alpha, first.score) == ("feeg:start=0.1", True, 0.1, "reverse:steps=5")
+    assert (second.editor, second.gate, second.alpha, second.score) == ("feeg:start=0.4", True, 0.2, "reverse:steps=5")
+    assert (third.editor, third.gate, third.alpha, third.score) == ("feeg:start=0.1", True, 0.3, "s")
     found = [cell.column for _, cell in cells({"slalom": replace(SHORT, methods={"F": method})}, [0], **SHARED)]
     assert found == [name.replace("FEEG+gate (", "F (") for name in tried]
 

@@ -6,14 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_gloves.benchmark.cell import Cell, Setup
-from lerobot_gloves.benchmark.row import Job, checkpoint_hash, finished_cells, make_row, plan, read_rows, write_row
-from lerobot_gloves.benchmark.workers import Failed, play
-from lerobot_gloves.evaluation.rollout import Episode
+from lerobot_gloves.benchmark.cell import Cell
+from lerobot_gloves.benchmark.folder import read_rows
+from lerobot_gloves.benchmark.plan import Job, finished_cells, plan
+from lerobot_gloves.benchmark.play import Failed, make_row, play
+from lerobot_gloves.benchmark.row import Row
+from lerobot_gloves.benchmark.setup import Setup
+from lerobot_gloves.checkpoints.content import checkpoint_hash
+from lerobot_gloves.evaluation.episode import Episode
 from lerobot_gloves.report.summary import summarise
 from lerobot_gloves.tasks.slalom import SlalomEnv
+from tests.benchmark.rows import ROWS
 
-RAW, GATED = Cell("none", "none", 0), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", 1)
+RAW, GATED = Cell("none", "none", 0), Cell("noised:sigma=0.005", "feeg:start=0.5", 1, gate=True)
 
 
 @pytest.fixture
@@ -27,15 +32,15 @@ def planned(setup: Setup, *cells: Cell) -> list[Job]:
 
 def write(folder: Path, setup: Setup, cell: Cell) -> None:
     (job,) = planned(setup, cell)
-    write_row(folder, make_row(job, seconds=1.0, episodes=[Episode(10000), Episode(10001)]))
+    make_row(job, seconds=1.0, episodes=[Episode(10000), Episode(10001)]).save(folder)
 
 
 def test_a_row_comes_back_with_all_that_it_takes_to_repeat_it(tmp_path: Path, setup: Setup) -> None:
     write(tmp_path, setup, GATED)
     (row,) = read_rows(tmp_path)
-    assert Cell(**row["cell"]) == GATED
-    assert [Episode(**episode) for episode in row["episodes"]] == [Episode(10000), Episode(10001)]
-    assert row["conditions"] | {"agent": 0, "adapter": 0} == {
+    assert row.cell == GATED
+    assert row.episodes == (Episode(10000), Episode(10001))
+    assert row.conditions | {"agent": 0, "adapter": 0} == {
         "env": {
             "type": "gloves_slalom",
             "task": "Slalom-v0",
@@ -51,17 +56,18 @@ def test_a_row_comes_back_with_all_that_it_takes_to_repeat_it(tmp_path: Path, se
         "episodes": 2,
         "batch_size": 2,
         "perturbation": "noised:sigma=0.005",
-        "method": "feeg:start=0.5,steps=10,align=1.0+gate",
+        "editor": "feeg:start=0.5,steps=10,align=1.0",
+        "gate": True,
         "score": "reverse:steps=1",
         "alpha": 0.05,
     }
-    assert row["conditions"]["agent"] == checkpoint_hash(setup.agent)
-    assert row["conditions"]["adapter"] == checkpoint_hash(setup.adapter)
-    assert row["checkpoints"] == {"agent": setup.agent, "adapter": setup.adapter}
+    assert row.conditions["agent"] == checkpoint_hash(setup.agent)
+    assert row.conditions["adapter"] == checkpoint_hash(setup.adapter)
+    assert row.checkpoints == {"agent": setup.agent, "adapter": setup.adapter}
     for package in ("torch", "lerobot", "mujoco", "diffusers"):
-        assert row["versions"][package] == importlib.import_module(package).__version__.partition("+")[0]
-    assert row["versions"]["robosuite"] == "1.5.1", "which pyproject.toml pins"
-    assert {"python", "lerobot_policy_gloves"} <= row["versions"].keys()
+        assert row.versions[package] == importlib.import_module(package).__version__.partition("+")[0]
+    assert row.versions["robosuite"] == "1.5.1", "which pyproject.toml pins"
+    assert {"python", "lerobot_policy_gloves"} <= row.versions.keys()
 
 
 def test_a_failed_write_leaves_no_row(tmp_path: Path, setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,7 +78,7 @@ def test_a_failed_write_leaves_no_row(tmp_path: Path, setup: Setup, monkeypatch:
     before = {file: file.read_bytes() for file in tmp_path.iterdir()}
     monkeypatch.setattr("os.fsync", full)
     for cell in (RAW, GATED):
-        with pytest.raises(OSError, match=rf"No space left on device: '.*{cell.method[:4]}.*\.json'"):
+        with pytest.raises(OSError, match=rf"No space left on device: '.*{cell.column[:4]}.*\.json'"):
             write(tmp_path, setup, cell)
     assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
@@ -102,7 +108,7 @@ def test_finished_cells_are_those_with_a_row(tmp_path: Path, setup: Setup) -> No
         ({"episodes": 3}, RAW, "episodes=2"),
         ({"env": SlalomEnv(episode_length=20)}, RAW, "env={'type': 'gloves_slalom'.* 'episode_length': 300"),
         ({"split": "validation"}, RAW, "split=test"),
-        ({"alpha": 0.1}, Cell("laggy", GATED.method, 7), "alpha=0.05"),
+        ({"alpha": 0.1}, Cell("laggy", GATED.editor, 7, gate=True), "alpha=0.05"),
         ({"score": "reverse:steps=5"}, GATED, "score=reverse:steps=1"),
     ],
 )
@@ -165,16 +171,17 @@ def test_labels_name_what_is_compared(tmp_path: Path, setup: Setup) -> None:
     write(tmp_path, setup, named)
     (file,) = tmp_path.iterdir()
     assert file.name == "slalom__noised__FEEG+gate__seed1.json"
-    assert read_rows(tmp_path)[0]["cell"] == {
+    assert json.loads(file.read_text())["cell"] == {
         "task": "slalom",
         "perturbation": "noised:sigma=0.005",
         "perturbation_label": "noised",
-        "method": "feeg:start=0.5+gate",
+        "editor": "feeg:start=0.5",
+        "gate": True,
         "label": "FEEG+gate",
         "seed": 1,
     }
     assert finished_cells(tmp_path, planned(setup, named, RAW)) == {named}
-    for other in (replace(named, method="feeg:start=0.4+gate"), replace(named, perturbation="noised:sigma=0.1")):
+    for other in (replace(named, editor="feeg:start=0.4"), replace(named, perturbation="noised:sigma=0.1")):
         for seed in (1, 2):
             with pytest.raises(ValueError, match="choose another --output_dir"):
                 finished_cells(tmp_path, planned(setup, replace(other, seed=seed)))
@@ -191,3 +198,13 @@ def test_rows_are_plain_json(tmp_path: Path, setup: Setup) -> None:
     (file,) = tmp_path.iterdir()
     assert file.name == "noised_sigma=0.005__feeg_start=0.5+gate__seed1.json"
     assert json.loads(file.read_text())["episodes"][1]["seed"] == 10001
+
+
+def test_a_row_of_before_cells_knew_their_gate_loads_as_one_of_today() -> None:
+    gated, *_, raw = ROWS
+    row = Row.from_json(gated)
+    assert (row.cell.editor, row.cell.gate, row.cell.column) == ("feeg", True, "feeg+gate")
+    assert (row.conditions["editor"], row.conditions["gate"], row.specification) == ("feeg", True, "feeg+gate")
+    row = Row.from_json(raw)
+    assert row.cell.raw and not row.cell.gate
+    assert (row.conditions["editor"], row.conditions["gate"]) == ("none", False)

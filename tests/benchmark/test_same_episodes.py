@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lerobot_gloves.benchmark.row import read_rows
+from lerobot_gloves.benchmark.folder import read_rows
 from tests.benchmark.test_bench import gloves, without_times
 from tests.builders import calibrate
 
@@ -55,15 +55,15 @@ def file(tmp_path: Path, agent: str, adapter: str, align_flow: str, diffusion: s
 def test_each_method_plays_the_same_episodes_again(tmp_path: Path, file: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """All in one run, then in pairs from the other end: others have been played before, with other draws."""
     assert gloves(monkeypatch, "bench", file, f"--output_dir={tmp_path / 'together'}") == ""
-    together = {row["cell"]["label"]: row for row in without_times(read_rows(tmp_path / "together"))}
+    together = {row.cell.label: row for row in without_times(read_rows(tmp_path / "together"))}
     assert together.keys() == set(METHODS)
     for pair in (METHODS[6:], METHODS[4:6], METHODS[2:4], METHODS[:2]):
         again = tmp_path / pair[0]
         only = [f"--methods=[{', '.join(pair)}]", f"--output_dir={again}"]
         assert gloves(monkeypatch, "bench", file, *only) == ""
         for row in without_times(read_rows(again)):
-            assert row == together[row["cell"]["label"]]
+            assert row == together[row.cell.label]
     # What is compared is not the raw agent eight times.
-    distances = {label: sum(episode["distance"] for episode in row["episodes"]) for label, row in together.items()}
+    distances = {label: sum(episode.distance for episode in row.episodes) for label, row in together.items()}
     assert distances["agent"] == 0.0
     assert len(set(distances.values())) == len(METHODS), distances

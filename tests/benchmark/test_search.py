@@ -1,13 +1,15 @@
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
+from lerobot_gloves.benchmark.cell import Cell
 from lerobot_gloves.benchmark.matrix import Method, Setting, Task
 from lerobot_gloves.benchmark.matrix_file import merged
+from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.benchmark.search import check_search, describe, ranking, write_chosen
+from lerobot_gloves.evaluation.episode import Episode
 from lerobot_gloves.tasks.slalom import SlalomEnv
 
 SETTINGS = [
@@ -24,15 +26,16 @@ TASK = Task(
 TASKS = {"slalom": TASK}
 
 
-def rows(perturbation: str, column: str, *successes: list[int]) -> list[dict[str, Any]]:
+def rows(perturbation: str, column: str, *successes: list[int]) -> list[Row]:
     """One for each seed, as the matrix labels them: what is called what it is has no label."""
     label = perturbation if TASK.perturbations[perturbation] != perturbation else ""
-    cell = {"task": "slalom", "perturbation": TASK.perturbations[perturbation], "perturbation_label": label}
+    cell = Cell(TASK.perturbations[perturbation], "...", 0, task="slalom", perturbation_label=label, label=column)
     return [
-        {
-            "cell": {**cell, "method": "...", "label": column, "seed": seed},
-            "episodes": [{"seed": i, "success": bool(success)} for i, success in enumerate(here)],
-        }
+        Row(
+            cell=replace(cell, seed=seed),
+            conditions={},
+            episodes=tuple(Episode(i, success=bool(success)) for i, success in enumerate(here)),
+        )
         for seed, here in enumerate(successes)
     ]
 

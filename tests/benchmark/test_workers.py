@@ -3,14 +3,18 @@
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import pytest
 
-from lerobot_gloves.benchmark.cell import Cell, Setup
-from lerobot_gloves.benchmark.row import Job, make_row, read_rows, row_file, write_row
-from lerobot_gloves.benchmark.workers import Ended, Failed, Lost, Note, Outcome, play, play_all
-from lerobot_gloves.evaluation.rollout import Episode
+from lerobot_gloves.benchmark.cell import Cell
+from lerobot_gloves.benchmark.folder import read_rows
+from lerobot_gloves.benchmark.plan import Job
+from lerobot_gloves.benchmark.play import Failed, make_row, play
+from lerobot_gloves.benchmark.row import Row, row_file
+from lerobot_gloves.benchmark.setup import Setup
+from lerobot_gloves.benchmark.workers import Ended, Lost, Note, Outcome, play_all
+from lerobot_gloves.evaluation.episode import Episode
 from lerobot_gloves.system.locks import Lock
 from lerobot_gloves.tasks.slalom import SlalomEnv
 
@@ -18,10 +22,12 @@ SETUP = Setup(env=SlalomEnv(), agent="agent", episodes=1)
 
 
 def job(seed: int) -> Job:
-    return Job(SETUP, Cell("none", "none", seed, task="slalom"), {"perturbation": "none", "method": "none"})
+    return Job(
+        SETUP, Cell("none", "none", seed, task="slalom"), {"perturbation": "none", "editor": "none", "gate": False}
+    )
 
 
-def row(one: Job) -> dict[str, Any]:
+def row(one: Job) -> Row:
     return make_row(one, seconds=1.0, episodes=[Episode(10000)])
 
 
@@ -75,10 +81,10 @@ def test_a_lost_worker_costs_its_cell_one_attempt(tmp_path: Path) -> None:
     events = list(play_all([job(seed) for seed in range(4)], tmp_path, Scripted(tmp_path, 2, outcome)))
     again = [event.text for event in events if isinstance(event, Note)]
     assert again == [
-        f"slalom / none / none / seed {s}: its worker was killed by signal 9 (SIGKILL); it is played again"
+        f"slalom / none / agent / seed {s}: its worker was killed by signal 9 (SIGKILL); it is played again"
         for s in (1, 2)
     ]
-    assert [row["cell"]["seed"] for row in read_rows(tmp_path)] == [0, 1, 3]
+    assert [row.cell.seed for row in read_rows(tmp_path)] == [0, 1, 3]
     (failure,) = [event.failure for event in events if isinstance(event, Ended) and event.failure]
     assert "seed 2 failed: its worker was killed by signal 9 (SIGKILL), 2 times, perhaps for memory" in failure
 
@@ -88,7 +94,7 @@ def test_a_failure_is_told_in_a_line_and_kept_whole(tmp_path: Path) -> None:
         return Failed("ValueError: wrong", "Traceback ...\nValueError: wrong") if one.cell.seed == 1 else row(one)
 
     events = list(play_all([job(seed) for seed in range(3)], tmp_path, Scripted(tmp_path, 1, outcome)))
-    log = tmp_path / "slalom__none__none__seed1.failed"
+    log = tmp_path / "slalom__none__agent__seed1.failed"
     assert [event.failure for event in events] == ["", f"{job(1).cell} failed: ValueError: wrong ({log})", ""]
     assert "Traceback ...\nValueError: wrong" in log.read_text()
     # It is over once the cell has been played.
@@ -104,7 +110,7 @@ def test_what_another_run_plays_is_left_to_it(tmp_path: Path) -> None:
     events = play_all([job(seed) for seed in range(4)], tmp_path, workers)
     assert [next(events) for _ in range(2)] == [Ended(job(2).cell), Ended(job(3).cell)]
     assert next(events) == Note("another run plays the last 2 cell(s): waiting for it")
-    write_row(tmp_path, row(job(0)))
+    row(job(0)).save(tmp_path)
     for lock in theirs.values():
         lock.release()
     assert {event.cell.seed for event in events} == {0, 1}
@@ -120,7 +126,7 @@ def test_a_row_that_cannot_be_written_ends_the_run(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OSError, match=r"No space left on device: '.*seed1\.json'"):
         list(events)
-    assert [file.name for file in tmp_path.iterdir()] == ["slalom__none__none__seed0.json"], "rows kept, locks gone"
+    assert [file.name for file in tmp_path.iterdir()] == ["slalom__none__agent__seed0.json"], "rows kept, locks gone"
 
 
 def test_a_checkpoint_that_has_changed_is_not_played(tmp_path: Path, agent: str) -> None:

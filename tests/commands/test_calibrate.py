@@ -146,7 +146,7 @@ def test_another_datasets_episodes_are_all_taken_and_a_line_says_what_was_not_ch
 def test_a_dataset_without_the_adapters_features_is_refused(refusal, tmp_path):
     write_dataset(tmp_path / "less", episodes=1, leave_out=("observation.environment_state",))
     assert refusal(f"--dataset.root={tmp_path / 'less'}") == (
-        "me/tiny lacks observation.environment_state (12,), which the adapter was trained on; it has action (2,), "
+        "the adapter needs observation.environment_state (12,), but me/tiny has action (2,), "
         "observation.goal (9,), observation.state (4,)"
     )
 
@@ -162,7 +162,7 @@ def test_a_dataset_of_other_actions_is_refused(refusal, tmp_path):
     dataset.save_episode()
     dataset.finalize()
     line = refusal(f"--dataset.root={tmp_path / 'arm'}")
-    assert line.startswith("me/tiny lacks action (2,), which the adapter was trained on; it has action (7,), ")
+    assert line.startswith("the adapter needs action (2,), but me/tiny has action (7,), ")
 
 
 @pytest.mark.parametrize(

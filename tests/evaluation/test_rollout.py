@@ -11,12 +11,17 @@ from lerobot.envs import close_envs, make_env
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import eval_policy
 
-from lerobot_gloves.benchmark.cell import Cell, Setup, environment, load, run
+from lerobot_gloves.benchmark.cell import Cell, split_gate
+from lerobot_gloves.benchmark.play import run
+from lerobot_gloves.benchmark.setup import Setup, load
+from lerobot_gloves.evaluation.agent import WrappedAgent
+from lerobot_gloves.evaluation.environments import environments
+from lerobot_gloves.evaluation.episode import Episode
 from lerobot_gloves.evaluation.histogram import edge
-from lerobot_gloves.evaluation.rollout import Episode, count_chunks, rollout
+from lerobot_gloves.evaluation.rollout import count_chunks, rollout
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from lerobot_gloves.tasks.slalom.environment import Slalom
-from tests.benchmark.conftest import RIGHTMOST_SEED
+from tests.straight import RIGHTMOST_SEED
 
 
 def setup_of(agent: str, adapter: str, **options: Any) -> Setup:
@@ -29,15 +34,24 @@ def setup_of(agent: str, adapter: str, **options: Any) -> Setup:
 )
 def test_same_episodes_as_lerobot_eval(agent: str, adapter: str, perturbation: str, method: str) -> None:
     """Success and steps, over a whole batch and one of which a part is dropped."""
-    setup, cell = setup_of(agent, adapter), Cell(perturbation, method, seed=0)
+    editor, gate = split_gate(method)
+    setup, cell = setup_of(agent, adapter), Cell(perturbation, editor, seed=0, gate=gate)
     ours = run(setup, cell)
 
-    policy, prepare, finish = load(setup, cell)
+    wrapped = load(setup, cell)
     identity = PolicyProcessorPipeline(steps=[])
     envs = make_env(setup.env, n_envs=setup.batch_size)
     env = envs["gloves_slalom"][0]
     stock = eval_policy(
-        env, policy, identity, identity, prepare, finish, n_episodes=12, start_seed=10000, return_episode_data=True
+        env,
+        wrapped.policy,
+        identity,
+        identity,
+        wrapped.prepare,
+        wrapped.finish,
+        n_episodes=12,
+        start_seed=10000,
+        return_episode_data=True,
     )
     close_envs(envs)
 
@@ -73,7 +87,7 @@ def test_chunks_count_while_their_episode_runs(agent: str, adapter: str) -> None
 
 
 def test_gate_edits_what_it_turns_away(agent: str, adapter: str) -> None:
-    gated = run(setup_of(agent, adapter), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", seed=0))
+    gated = run(setup_of(agent, adapter), Cell("noised:sigma=0.005", "feeg:start=0.5", seed=0, gate=True))
     chunks, edited = sum(episode.chunks for episode in gated), sum(episode.edited for episode in gated)
     assert 0 < edited < chunks
     # One evaluation to score a chunk, ten to edit it.
@@ -82,7 +96,7 @@ def test_gate_edits_what_it_turns_away(agent: str, adapter: str) -> None:
 
 def test_a_seed_fixes_the_episodes_and_another_changes_them(agent: str, adapter: str) -> None:
     def outcome(seed: int) -> list[tuple[int, int, float]]:
-        episodes = run(setup_of(agent, adapter), Cell("noised", "feeg+gate", seed))
+        episodes = run(setup_of(agent, adapter), Cell("noised", "feeg", seed, gate=True))
         return [(episode.seed % 100, episode.steps, episode.distance) for episode in episodes]
 
     assert outcome(1) == outcome(1)
@@ -125,14 +139,14 @@ class Idle:
 def test_an_environment_that_names_no_failures() -> None:
     """Neither task nor failure, in environments that begin anew by themselves."""
     env = gym.vector.SyncVectorEnv([Countdown] * 4, autoreset_mode=gym.vector.AutoresetMode.SAME_STEP)
-    episodes = rollout(env, Idle(), dict, lambda action: action, seeds=[2, 3, 4, 50])
+    episodes = rollout(env, WrappedAgent(Idle(), dict, lambda action: action), seeds=[2, 3, 4, 50])
     assert [episode.steps for episode in episodes] == [2, 3, 4, 6]
     assert [episode.success for episode in episodes] == [False, False, True, False]
     assert [episode.failure for episode in episodes] == ["failed", "timeout", "", "timeout"]
 
 
 def test_scores_are_kept_by_what_became_of_their_chunk(agent: str, adapter: str) -> None:
-    gated = run(setup_of(agent, adapter), Cell("noised:sigma=0.005", "feeg:start=0.5+gate", seed=0))
+    gated = run(setup_of(agent, adapter), Cell("noised:sigma=0.005", "feeg:start=0.5", seed=0, gate=True))
     for episode in gated:
         assert sum(episode.scores_edited.values()) == episode.edited
         assert sum(episode.scores_left.values()) == episode.chunks - episode.edited
@@ -163,12 +177,10 @@ def test_the_bins_of_an_episode_are_those_of_its_scores() -> None:
 
 def test_a_watcher_sees_every_step_before_it_is_taken(agent: str) -> None:
     setup = Setup(env=SlalomEnv(episode_length=6), agent=agent, episodes=2, batch_size=2)
-    policy, prepare, finish = load(setup, Cell("none", "none", seed=0))
+    wrapped = load(setup, Cell("none", "none", seed=0))
     seen: list[np.ndarray] = []
-    with environment(setup) as env:
-        rollout(
-            env, policy, prepare, finish, [10000, 10001], lambda observation, _: seen.append(observation["agent_pos"])
-        )
+    with environments(setup.env, 2) as env:
+        rollout(env, wrapped, [10000, 10001], lambda observation, _: seen.append(observation["agent_pos"]))
     assert len(seen) == 6
     first, _ = Slalom().reset(seed=10000)
     assert np.array_equal(seen[0][0], first["agent_pos"])

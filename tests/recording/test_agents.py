@@ -10,15 +10,16 @@ from lerobot.policies import make_pre_post_processors
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import rollout
 
-from lerobot_gloves.benchmark.cell import Setup, environment
+from lerobot_gloves.evaluation.agent import WrappedAgent
+from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.perturbations import Noised
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 from lerobot_gloves.recording.agents import Agent
 from lerobot_gloves.recording.sources import source_of
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from lerobot_gloves.tasks.slalom.scene import MODES
-from tests.benchmark.conftest import save
 from tests.builders import SIZE, save_policy, slalom, wrap
+from tests.straight import save
 
 BATCH, SEED, T = 8, 40000, 4
 """Of these eight environments, the last asks for the corridor that the agent always takes."""
@@ -33,8 +34,7 @@ def checkpoint(tmp_path_factory):
 
 def play(checkpoint, perturbation, batch=BATCH, seed=SEED, env_config=None):
     env_config, agent = env_config or SlalomEnv(), Agent(str(checkpoint), perturbation, batch)
-    setup = Setup(env=env_config, agent=str(checkpoint), episodes=batch, batch_size=batch)
-    with environment(setup) as env:
+    with environments(env_config, batch) as env:
         return agents.play(env_config, agent, env, seed)
 
 
@@ -236,6 +236,8 @@ def test_proposals_of_several_lengths_are_refused(monkeypatch):
             self.step += 1
             return torch.zeros(1, 2)
 
-    monkeypatch.setattr(agents, "load_agent", lambda *_: (Wavering(), lambda seen: seen, lambda action: action))
+    monkeypatch.setattr(
+        agents, "load_agent", lambda *_: WrappedAgent(Wavering(), lambda seen: seen, lambda action: action)
+    )
     with pytest.raises(ValueError, match="proposals of somebody have 2 and 4 actions"):
         play("somebody", "none", batch=1, env_config=SlalomEnv(episode_length=3))

@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_gloves.report.csv_file import report_csv
 from lerobot_gloves.report.statistics import newcombe, wilson
-from tests.benchmark.rows import ROWS
+from tests.benchmark.rows import ROWS, loaded
 
 
 def read(text: str) -> dict[tuple[str, str, str], dict[str, str]]:
@@ -14,7 +14,7 @@ def read(text: str) -> dict[tuple[str, str, str], dict[str, str]]:
 
 def test_every_figure_of_a_line() -> None:
     """What the tables' tests count by hand, as fractions."""
-    lines = read(report_csv(ROWS))
+    lines = read(report_csv(loaded(ROWS)))
     assert set(lines) == {
         ("slow", "feeg+gate", "measured"),
         ("slow", "agent", "measured"),
@@ -59,7 +59,7 @@ KEYS = ("task", "split", "agent", "perturbation", "strength", "method", "specifi
 
 
 def test_what_there_is_not_is_empty() -> None:
-    line = read(report_csv(ROWS))["none", "agent", "measured"]
+    line = read(report_csv(loaded(ROWS)))["none", "agent", "measured"]
     empty = {key for key, value in line.items() if value == ""}
     assert empty == {
         *("success_std", "rank", "adapter", "pairs", "difference", "difference_low", "difference_high", "mcnemar_p"),
@@ -69,7 +69,7 @@ def test_what_there_is_not_is_empty() -> None:
 
 
 def test_the_papers_figures_name_their_table() -> None:
-    lines = read(report_csv(ROWS, paper=True))
+    lines = read(report_csv(loaded(ROWS), paper=True))
     assert len(lines) == 3 + 8
     line = lines["slow:alpha=0.5,p=0.5", "IFAE", "tab:flowalign_best_triplet_comparison"]
     assert (line["success_mean"], line["success_std"], line["episodes"]) == ("0.746", "0.046", "")

@@ -28,7 +28,7 @@ from lerobot_gloves.report.plots import (
 )
 from lerobot_gloves.report.statistics import wilson
 from lerobot_gloves.report.summary import Section, summarise
-from tests.benchmark.rows import ROWS, labelled, row
+from tests.benchmark.rows import ROWS, labelled, loaded, row
 
 SCORED = [
     row("noised", "none", 0, [0, 1, 0, 0]),
@@ -44,7 +44,7 @@ SCORED = [
 
 
 def section(rows: list[dict[str, Any]]) -> Section:
-    (made,) = summarise(rows)
+    (made,) = summarise(loaded(rows))
     return made
 
 
@@ -61,14 +61,14 @@ def points(figure: Figure, panel: int = 0) -> list[tuple[float, float, float, fl
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    return report_html(SCORED, paper=True)
+    return report_html(loaded(SCORED), paper=True)
 
 
 def test_the_page_needs_nothing_else(page: str) -> None:
     assert not re.search(r'(?:src|href)="(?!#)', page.replace("xlink:href", "href"))
     assert "@import" not in page and "url(http" not in page and "<script" not in page
     assert len(page.encode()) < 1_000_000
-    assert page == report_html(deepcopy(SCORED), paper=True), "the same rows make the same page"
+    assert page == report_html(loaded(deepcopy(SCORED)), paper=True), "the same rows make the same page"
 
 
 def test_the_page_is_well_formed(page: str) -> None:
@@ -103,7 +103,7 @@ def test_the_plots_take_over_the_pages_text_colour(page: str) -> None:
 
 
 def test_marks_and_names() -> None:
-    page = report_html([SCORED[0], labelled(SCORED[1], label="a<b & c")])
+    page = report_html(loaded([SCORED[0], labelled(SCORED[1], label="a<b & c")]))
     assert re.search(r'class="best">50.0<small>\[[0-9.]+, [0-9.]+\]</small></td>', page)
     assert '<th scope="col">a&lt;b &amp; c</th>' in page and "a<b" not in page
 
@@ -206,7 +206,7 @@ def test_scores_of_0_and_below_are_plotted(bins: dict[str, int]) -> None:
 def test_a_search_is_not_plotted() -> None:
     rows = [row("slow", f"feeg:start=0.{i}", 0, [0, 1, 0, 1]) for i in range(13)]
     assert plots(section(rows)) == {}
-    assert "No plots: 13 methods" in report_html(rows) and "<svg" not in report_html(rows)
+    assert "No plots: 13 methods" in report_html(loaded(rows)) and "<svg" not in report_html(loaded(rows))
 
 
 def test_plots_without_anything_to_show_are_left_out() -> None:

@@ -9,7 +9,7 @@ from lerobot.envs import make_env, preprocess_observation
 from lerobot.envs.utils import env_to_policy_features
 from scipy.spatial.transform import Rotation
 
-from lerobot_gloves.benchmark.cell import Setup, environment
+from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.tasks.charger import ChargerEnv, simulator
 from lerobot_gloves.tasks.charger.environment import TASK, Charger
 from lerobot_gloves.tasks.charger.scene import is_plugged_in, turn_of
@@ -182,13 +182,12 @@ def test_making_one_searches_nothing_old_for_garbage():
 
 def test_a_benchmarks_last_environments_are_gone_when_the_next_are_made():
     """Python would collect them at some time; until then each cell's simulators would lie beside the next one's."""
-    setup = Setup(env=ChargerEnv(), agent="none", episodes=1, batch_size=1)
     gc.disable()
     try:
-        with environment(setup) as envs:
+        with environments(ChargerEnv(), 1) as envs:
             last = weakref.ref(envs.envs[0].unwrapped._scene)
         del envs
-        with environment(setup):
+        with environments(ChargerEnv(), 1):
             assert last() is None
     finally:
         gc.enable()

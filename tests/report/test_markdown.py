@@ -6,9 +6,13 @@ from statistics import stdev
 
 import pytest
 
+from lerobot_gloves.report.markdown import report_markdown
 from lerobot_gloves.report.statistics import paired_difference, wilson
-from lerobot_gloves.report.text import report
-from tests.benchmark.rows import ROWS, labelled, row
+from tests.benchmark.rows import ROWS, labelled, loaded, row
+
+
+def report(rows: list[dict], *, paper: bool = False) -> str:
+    return report_markdown(loaded(rows), paper=paper)
 
 
 def tables(text: str) -> list[dict[tuple[str, str], str]]:
@@ -246,7 +250,9 @@ def test_rows_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match=r"rows of 'feeg\+gate' were made in two ways"):
         report([ROWS[1], retrained])
     stronger = labelled(row("slow:p=0.9", "none", 1, [1, 1, 1, 1]), perturbation_label="slow")
-    with pytest.raises(ValueError, match=r"rows of 'slow' were made in two ways, slow and slow:p=0\.9"):
+    with pytest.raises(
+        ValueError, match=r"rows of 'slow' were made in two ways, perturbation=slow and perturbation=slow:p=0\.9"
+    ):
         report([ROWS[2], stronger])
 
 
