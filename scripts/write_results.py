@@ -1,7 +1,8 @@
-"""Write docs/results.md from the rows in docs/rows/: no figure in it is typed by hand.
+"""Write docs/results.md, the pages in docs/results/ and their picture: no measured figure in them is typed by hand.
 
-A folder of docs/rows/ holds rows of `gloves bench` and a note.md that says how they came about; a JSON file is what
-scripts/measure.py kept of one command.
+A folder of docs/rows/ holds rows of `gloves bench`, packed, and a note.md that says how they came about; a JSON file is
+what scripts/measure.py kept of one command. What begins with a task's name stands on the task's page; overview.md is
+the first page, with names in braces for its figures.
 
     python scripts/write_results.py
 """
@@ -11,20 +12,66 @@ import json
 from pathlib import Path
 
 from lerobot_gloves.benchmark.folder import read_rows
-from lerobot_gloves.report.markdown import report_markdown
+from lerobot_gloves.report.html_page import svg
+from lerobot_gloves.report.markdown import markdown, report_markdown
+from lerobot_gloves.report.overall import Overall, overall_table
+from lerobot_gloves.report.paper import COLUMNS, KINDS, published_gain, published_mean, published_wins
+from lerobot_gloves.report.plots import overall_plot
+from lerobot_gloves.report.summary import summarise
+from lerobot_gloves.specification import NONE
+from lerobot_gloves.system.files import whole
 
 DOCS = Path(__file__).parents[1] / "docs"
-HEAD = """# Results
+TASKS = {"slalom": "Slalom", "keypad": "Keypad", "can": "CAN", "charger": "Charger Plug"}
+OTHERS = "measurements"
+PICTURE = "images/results.svg"
+FEEG = ("FEEG", "FEEG+gate")
+MADE = "This page is written by `python scripts/write_results.py` from `docs/rows/`."
 
-Everything here was measured on two cores without a GPU, by the command that stands beside it. This page is written by
-`python scripts/write_results.py` from `docs/rows/`.
-"""
+
+def overview(overall: Overall) -> str:
+    """The page that comes first: docs/rows/overview.md with the figures that it asks for."""
+    told = {method: overall.differences(method) for method in COLUMNS}
+    mean = {method: overall.mean(method) for method in COLUMNS}
+    paper = {method: published_mean(method) for method in COLUMNS}
+    unperturbed = {
+        method: [section.results[NONE, method].difference for section in overall.sections] for method in FEEG
+    }
+    gains = [f"{kind} {overall.gain('IFAE', kind):+.0f} and {published_gain('IFAE', kind):+.0f}" for kind in KINDS]
+    return (
+        (DOCS / "rows" / "overview.md")
+        .read_text()
+        .format(
+            made=MADE,
+            pages=", ".join(f"[{title}](results/{task}.md)" for task, title in TASKS.items()),
+            table=markdown(overall_table(overall)),
+            cells=len(overall.cells),
+            rescaled=overall.rescaled,
+            mean=mean,
+            paper=paper,
+            below={method: sum(one.mean < 0 for one in found) for method, found in told.items()},
+            surely={method: sum(one.low > 0 for one in found) for method, found in told.items()},
+            theirs={method: published_wins(method) for method in COLUMNS},
+            leads={method: overall.leads(method) for method in COLUMNS},
+            behind=mean["CSA"] - max(mean[method] for method in FEEG),
+            gate={"ours": mean["IFAE"] - mean["IFAE+gate"], "paper": paper["IFAE+gate"] - paper["IFAE"]},
+            harm=max(-100 * one.mean for one in unperturbed["FEEG"]),
+            least=min(100 * one.low for one in unperturbed["FEEG+gate"]),
+            kinds=", ".join(gains),
+        )
+    )
+
+
+def page(title: str, parts: list[Path]) -> str:
+    """A page of rows and measurements."""
+    sections = [benchmark(part) if part.is_dir() else measurement(part) for part in parts]
+    return "\n\n".join([f"# {title}", f"[Results](../results.md). {MADE}", *sections]) + "\n"
 
 
 def benchmark(folder: Path) -> str:
     """One folder of benchmark rows, with the note beside it."""
-    note = folder / "note.md"
-    return "\n".join([note.read_text().strip(), "", report_markdown(read_rows(folder), paper=True).strip()])
+    note = (folder / "note.md").read_text().strip()
+    return "\n".join([note, "", report_markdown(read_rows(folder), paper=True).strip()])
 
 
 def measurement(file: Path) -> str:
@@ -33,11 +80,22 @@ def measurement(file: Path) -> str:
     return f"## {found['title']}\n\n```console\n$ {found['command']}\n{found['printed']}\n```"
 
 
-def main(output: Path = DOCS / "results.md") -> None:
-    """Write the page."""
+def main(output: Path = DOCS) -> None:
+    """Write the pages and the picture below a folder."""
     rows = DOCS / "rows"
-    sections = [benchmark(path) if path.is_dir() else measurement(path) for path in sorted(rows.iterdir())]
-    output.write_text("\n\n".join([HEAD.strip(), *sections]) + "\n")
+    overall = Overall([summarise(read_rows(rows / task))[0] for task in TASKS])
+    left = sorted(path for path in rows.iterdir() if path.name != "overview.md")
+    pages = {"results.md": overview(overall)}
+    for task, title in TASKS.items():
+        mine = [path for path in left if path.name.partition(".")[0].partition("_")[0] == task]
+        left = [path for path in left if path not in mine]
+        pages[f"results/{task}.md"] = page(f"Results of {title}", mine)
+    pages[f"results/{OTHERS}.md"] = page("Other measurements", left)
+    pages[PICTURE] = svg(overall_plot(overall), "Success of each method in each cell", page=False) + "\n"
+    for name, text in pages.items():
+        (output / name).parent.mkdir(parents=True, exist_ok=True)
+        with whole(output / name) as file:
+            file.write_text(text)
 
 
 if __name__ == "__main__":

@@ -120,14 +120,23 @@ def _figure(caption: str, figure: Figure) -> str:
     return f"<figure>\n{drawn}\n<figcaption>{escape(caption)}.</figcaption>\n</figure>"
 
 
-def svg(figure: Figure, label: str) -> str:
-    """A figure as an SVG element that takes over the text colour around it."""
+def svg(figure: Figure, label: str, *, page: bool = True) -> str:
+    """A figure as an SVG element.
+
+    Args:
+        figure: What is drawn.
+        label: What a screen reader says of it.
+        page: Whether it stands in a page whose text colour it takes over, not in a file of its own on white paper.
+    """
     file = io.StringIO()
     with matplotlib.rc_context(STYLE):
         # No date and no address of who made it, so that the same rows make the same page.
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+        figure.savefig(file, format="svg", metadata=nothing, facecolor="none" if page else "white")
     text = file.getvalue()
-    text = text[text.index("<svg") :].replace(INK, "currentColor")
+    text = text[text.index("<svg") :]
+    if page:
+        text = text.replace(INK, "currentColor")
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     # Names of groups, the same in every figure; what is referred to (clip paths, markers) has unique ones.
     text = re.sub(r'<g id="[^"]*"', "<g", text)

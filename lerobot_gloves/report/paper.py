@@ -3,6 +3,9 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
+
+from lerobot_gloves.specification import name_of
 
 _TABLE = json.loads(Path(__file__).with_name("paper.json").read_text())
 
@@ -38,3 +41,28 @@ def published(task: str) -> dict[str, dict[str, Published]]:
         }
         for perturbation, figures in _TABLE["tasks"].get(task, {}).items()
     }
+
+
+def published_mean(method: str) -> float:
+    """The paper's mean over its 16 cells, in %."""
+    return 100 * fmean(line[method].mean for line in _lines())
+
+
+def published_wins(method: str) -> int:
+    """In how many of its 16 cells the paper has the method above the raw agent."""
+    return sum(line[method].mean > line[COLUMNS[0]].mean for line in _lines())
+
+
+def published_gain(method: str, kind: str) -> float:
+    """The paper's mean of a method minus its raw agent over its tasks, under a kind of perturbation, in points."""
+    return 100 * fmean(line[method].mean - line[COLUMNS[0]].mean for line in _lines(kind))
+
+
+def _lines(kind: str = "") -> list[dict[str, Published]]:
+    """The table's lines of all tasks, of one kind of perturbation or of all."""
+    return [
+        line
+        for task in _TABLE["tasks"]
+        for perturbation, line in published(task).items()
+        if name_of(perturbation) == kind or not kind
+    ]

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from lerobot_gloves.evaluation.histogram import SCALE, edge
+from lerobot_gloves.report.overall import Overall
 from lerobot_gloves.report.paper import COLUMNS
 from lerobot_gloves.report.summary import Result, Section
 from lerobot_gloves.report.tables import comparable
@@ -156,6 +157,28 @@ def score_plot(section: Section) -> Figure:
         for colour, label in ((LEFT, "left as proposed"), (EDITED, "edited"))
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=2)
+    return figure
+
+
+def overall_plot(overall: Overall) -> Figure:
+    """Every cell of a benchmark as a dot, a task a colour, and the mean of each method as a bar."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(10, 4.2), layout="constrained")
+        axes = figure.subplots()
+        colours = dict(zip([section.name for section in overall.sections], OTHER_COLOURS, strict=False))
+        for place, method in enumerate(COLUMNS):
+            for index, ((section, _), result) in enumerate(zip(overall.cells, overall.results(method), strict=True)):
+                x = place + 0.5 * (index / max(len(overall.cells) - 1, 1) - 0.5)
+                axes.plot(x, 100 * result.mean, "o", color=colours[section.name], markersize=5)
+            axes.plot([place - 0.35, place + 0.35], [overall.mean(method)] * 2, color=INK, linewidth=2)
+            axes.text(place, -1, f"{overall.mean(method):.1f}", ha="center", va="bottom", weight="bold")
+        axes.axhline(overall.mean(COLUMNS[0]), color=INK, alpha=0.4, linestyle="--", linewidth=0.8)
+        axes.set_xticks(range(len(COLUMNS)), COLUMNS)
+        _percent(axes)
+        axes.set_ylabel("success, %")
+        handles = [Line2D([], [], linestyle="none", marker="o", color=c, label=name) for name, c in colours.items()]
+        handles.append(Line2D([], [], color=INK, linewidth=2, label=f"mean of {len(overall.cells)} cells"))
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 
 

@@ -1,0 +1,71 @@
+"""All tasks together: the paper's cells, one task and kind of perturbation each, and what a method has on average."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from lerobot_gloves.report.paper import COLUMNS, KINDS, published
+from lerobot_gloves.report.statistics import PairedDifference
+from lerobot_gloves.report.summary import Result, Section, ranks
+from lerobot_gloves.report.tables import Entry, Table
+from lerobot_gloves.specification import NONE
+
+
+@dataclass(frozen=True)
+class Overall:
+    """The tasks of a benchmark side by side.
+
+    Attributes:
+        sections: One a task.
+    """
+
+    sections: Sequence[Section]
+
+    @property
+    def cells(self) -> list[tuple[Section, str]]:
+        """Task and kind of perturbation, a line each, in the paper's order; lines of other strengths are left out."""
+        return [(section, kind) for section in self.sections for kind in KINDS if kind in section.perturbations]
+
+    def results(self, method: str) -> Iterator[Result]:
+        """A method's, cell by cell."""
+        for section, kind in self.cells:
+            yield section.results[kind, method]
+
+    def mean(self, method: str) -> float:
+        """Mean success over the cells, in %."""
+        return 100 * fmean(result.mean for result in self.results(method))
+
+    def differences(self, method: str) -> list[PairedDifference]:
+        """To the raw agent, cell by cell."""
+        return [result.difference for result in self.results(method) if result.difference is not None]
+
+    def gain(self, method: str, kind: str) -> float:
+        """Mean over the tasks of a method's success minus the raw agent's under a kind of perturbation, in points."""
+        sections = [section for section, here in self.cells if here == kind]
+        means = [[section.results[kind, name].mean for section in sections] for name in (method, COLUMNS[0])]
+        return 100 * (fmean(means[0]) - fmean(means[1]))
+
+    def leads(self, method: str) -> int:
+        """In how many cells it is the best, or one of several."""
+        return sum(result.rank == 1 for result in self.results(method))
+
+    @property
+    def rescaled(self) -> int:
+        """How many cells are not at the paper's strength."""
+        return sum(section.perturbations[kind] not in published(section.task) for section, kind in self.cells)
+
+
+def overall_table(overall: Overall) -> Table:
+    """Means of all cells, their mean below them, and the unperturbed agents' last."""
+    lines = []
+    for section, kind in overall.cells:
+        results = [section.results[kind, method] for method in COLUMNS]
+        lines.append([Entry(f"{section.name}, {kind}"), *(Entry(f"{100 * r.mean:.1f}", r.rank) for r in results)])
+    means = {method: overall.mean(method) for method in COLUMNS}
+    order = ranks(means)
+    lines.append([Entry(f"mean of {len(overall.cells)}"), *(Entry(f"{means[m]:.1f}", order[m]) for m in COLUMNS)])
+    for section in overall.sections:
+        results = [section.results[NONE, method] for method in COLUMNS]
+        lines.append([Entry(f"{section.name}, nothing perturbed"), *(Entry(f"{100 * r.mean:.1f}") for r in results)])
+    caption = "Success in %, mean over ten seeds; of the perturbed cells the best is bold and the second best italic."
+    return Table(caption, ["task, perturbation", *COLUMNS], lines)
