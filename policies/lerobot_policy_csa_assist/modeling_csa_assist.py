@@ -9,8 +9,8 @@ from huggingface_hub.errors import HFValidationError
 from lerobot.configs import PreTrainedConfig
 from torch import Tensor
 
+from gloves_flow.modeling_flow import FlowPolicy
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
-from lerobot_policy_gloves.flow.modeling_flow import FlowPolicy
 
 from .configuration_csa_assist import SHARED, CsaAssistConfig
 from .consistency import distillation_loss

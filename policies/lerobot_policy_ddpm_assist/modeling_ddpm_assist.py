@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
+from gloves_flow.modeling_flow import FlowPolicy
 from lerobot_gloves.generators import Generators
 from lerobot_gloves.networks import BoundVelocity
-from lerobot_policy_gloves.flow.modeling_flow import FlowPolicy
 
 from .configuration_ddpm_assist import DdpmAssistConfig
 from .diffusion import Diffusion, noise_prediction_loss, noise_scheduler

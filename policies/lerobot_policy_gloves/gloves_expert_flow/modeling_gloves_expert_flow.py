@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from gloves_flow.bound_flow import BoundFlow
+from gloves_flow.modeling_flow import FlowPolicy
 from lerobot_gloves.editors import FEEG, FPAS, IFAE
 from lerobot_gloves.scores import SCORES
 
-from ..flow.bound_flow import BoundFlow
-from ..flow.modeling_flow import FlowPolicy
 from .agent_flow import load_agent_flow
 from .configuration_gloves_expert_flow import GlovesExpertFlowConfig
 
