@@ -6,8 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lerobot_gloves.editors import FPAS, IFAE
-from lerobot_gloves.generators import Generators
+from lerobot_gloves.editors import Reference
 from lerobot_gloves.networks import BoundVelocity
 
 
@@ -16,7 +15,7 @@ class BoundFlow:
 
     Args:
         expert: v_e, which scores and is edited towards.
-        agent: Binds v_u to the same contexts. Only IFAE needs it, so only IFAE's edits pay for it; None without.
+        agent: Binds v_u to the same contexts; None without. Only editors that need it pay for it.
     """
 
     def __init__(self, expert: BoundVelocity, agent: Callable[[], BoundVelocity] | None = None):
@@ -35,31 +34,12 @@ class BoundFlow:
     def score(self, chunk: Tensor, score: Any, length: int | None = None) -> Tensor:
         return score(self.expert, chunk, length=length)
 
-    def edit(
-        self,
-        proposal: Tensor,
-        editor: Any,
-        *,
-        score: Any,
-        threshold: float | None,
-        length: int | None = None,
-        generator: Generators = None,
-    ) -> Tensor:
-        if isinstance(editor, IFAE):
-            return editor(proposal, self.expert, self._agent_flow(), generator=generator)
-        if not isinstance(editor, FPAS):
-            return editor(proposal, self.expert, generator=generator)
-        if threshold is None:
-            raise ValueError("fpas searches below the gate's threshold: calibrate the adapter (gloves calibrate)")
-        return editor(proposal, self.expert, score=score, threshold=threshold, length=length, generator=generator)
+    def edit(self, proposal: Tensor, editor: Any, **given: Any) -> Tensor:
+        agent = self._agent_flow() if getattr(editor, "needs_agent", False) else None
+        return editor(proposal, Reference(self.expert, agent, **given))
 
     @torch.no_grad()
-    def _agent_flow(self) -> BoundVelocity:
-        if self._bind_agent is None:
-            raise ValueError(
-                "ifae needs the agent's flow besides the expert's: take a gloves_align_flow as adapter, or name one "
-                """by --policy.adapter_overrides='["--agent_flow=<checkpoint>"]'"""
-            )
-        if self._agent is None:
+    def _agent_flow(self) -> BoundVelocity | None:
+        if self._agent is None and self._bind_agent is not None:
             self._agent = self._bind_agent()
         return self._agent

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from gloves_flow.bound_flow import BoundFlow
 from gloves_flow.modeling_flow import FlowPolicy
-from lerobot_gloves.editors import FEEG, FPAS, IFAE
+from lerobot_gloves.editors import EDITORS
 from lerobot_gloves.networks import BoundVelocity
 from lerobot_gloves.recording.sources import SOURCES, source_of
 from lerobot_gloves.scores import SCORES
@@ -34,8 +34,10 @@ class GlovesAlignFlowPolicy(FlowPolicy):
 
     config_class = GlovesAlignFlowConfig
     name = "gloves_align_flow"
-    editors: Mapping[str, type] = {"ifae": IFAE, "feeg": FEEG, "fpas": FPAS}
+    editors: Mapping[str, type] = EDITORS
+    default_editor = "ifae"
     scores: Mapping[str, type] = SCORES
+    has_agent = True
 
     def __init__(
         self, config: GlovesAlignFlowConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
