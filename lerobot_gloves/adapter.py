@@ -1,6 +1,6 @@
 """The protocol that every adapter answers: bind a context, score proposals, edit them.
 
-An adapter is a LeRobot policy, trained by `lerobot-train`, that has the three attributes of `Adapter` besides. The
+An adapter is a LeRobot policy, trained by `lerobot-train`, that has the four attributes of `Adapter` besides. The
 wrapper knows no more of it than this page, so an adapter from another package works like ours.
 """
 
@@ -38,16 +38,16 @@ class BoundAdapter(Protocol):
         proposal: Tensor,
         editor: Any,
         *,
-        score: Any,
-        threshold: float | None,
+        score: Any = None,
+        threshold: float | None = None,
         length: int | None = None,
         generator: Generators = None,
     ) -> Tensor:
-        """Move proposals (B, T, A), of whose actions the first `length` count, towards the expert's: (B, T, A).
+        """Move proposals (B, T, A) towards the expert's: (B, T, A).
 
-        `editor` is an instance of one of the adapter's `editors`. `score` and `threshold` (the largest score that the
-        gate admits, None without a calibration, see `Adapter.editors`) are for the editors that search by score;
-        `score` is None if the adapter has none.
+        `editor` is an instance of one of the adapter's `editors`. What else is given are fields of
+        `lerobot_gloves.editors.Reference`, which an adapter that shares our editors completes by its models. `score` is
+        None if the adapter has none, `threshold` without a calibration for it.
         """
         ...
 
@@ -59,14 +59,16 @@ class Adapter(Protocol):
     Chunks are normalised by the adapter's own processors, T is its `config.chunk_size`.
 
     Attributes:
-        editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers. The first
-            is the default. One whose class says `needs_threshold = True` is refused at loading unless the adapter is
-            calibrated for the score.
-        scores: Its nonconformity scores by the name that `--policy.score` gives, likewise. An adapter without scores
-            edits every proposal: it has no gate.
+        editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers. One whose
+            class says `needs_threshold = True` is refused at loading unless the adapter is calibrated for the score;
+            one that says `needs_agent = True`, unless the adapter says `has_agent = True`: it has an agent flow.
+        default_editor: The one to take where no method is given; "none" to edit nothing.
+        scores: Its nonconformity scores by the name that `--policy.score` gives, likewise, the default first. An
+            adapter without scores edits every proposal: it has no gate.
     """
 
     editors: Mapping[str, type]
+    default_editor: str
     scores: Mapping[str, type]
 
     def bind(self, observation: Mapping[str, Tensor]) -> BoundAdapter:

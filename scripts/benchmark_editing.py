@@ -14,12 +14,13 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from lerobot_gloves.conformal import ConformalGate
-from lerobot_gloves.editors import FEEG, FPAS, IFAE
+from lerobot_gloves.editors import FEEG, FPAS, IFAE, Reference
 from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
@@ -96,26 +97,26 @@ def methods(batch: int) -> dict[str, Method]:
         velocity, score, decide = field(), ReverseScore(steps), ConformalGate(torch.rand(5000))
         return Method(torch.no_grad()(lambda: decide.admits(score(velocity, proposal))), (velocity,))
 
+    def edits(editor: Any, expert: Any, *fields: BoundVelocity, backward: int = 0, **others: Any) -> Method:
+        reference = Reference(expert, generator=generators, **others)
+        return Method(lambda: editor(proposal, reference), fields, backward)
+
     def ifae(steps: int) -> Method:
-        agent, expert, edit = source("noised"), source("expert"), IFAE(steps=steps)
-        return Method(lambda: edit(proposal, expert, agent, generator=generators), (agent, expert))
+        agent, expert = source("noised"), source("expert")
+        return edits(IFAE(steps=steps), expert, agent, expert, agent=agent)
 
     feeg, forwards, backwards, search, noise, student = FEEG(steps=10), field(), field(), field(), field(), field()
     ddpm = DdpmAssistConfig(device="cpu")
     schedule = noise_scheduler(ddpm.schedule, ddpm.num_train_steps, ddpm.beta_min, ddpm.beta_max)
     diffusion, consistency = Diffusion(noise, schedule), Denoiser(student, NoiseLevels(), identity=0.002)
     return {
-        "FEEG (10 steps), its forward passes alone": Method(
-            lambda: feeg(proposal, forward(forwards), generator=generators), (forwards,)
-        ),
-        "FEEG (10 steps) with its backward passes": Method(
-            lambda: feeg(proposal, backwards, generator=generators), (backwards,), backward=10
-        ),
+        "FEEG (10 steps), its forward passes alone": edits(feeg, forward(forwards), forwards),
+        "FEEG (10 steps) with its backward passes": edits(feeg, backwards, backwards, backward=10),
         "IFAE (10 steps)": ifae(10),
         "IFAE (20 steps)": ifae(20),
-        "FPAS (5 iterations of 16)": Method(lambda: FPAS()(proposal, search, generator=generators), (search,)),
-        "DDPM (gamma 0.3)": Method(lambda: DDPM(gamma=0.3)(proposal, diffusion, generators), (noise,)),
-        "CSA": Method(lambda: CSA()(proposal, consistency), (student,)),
+        "FPAS (5 iterations of 16)": edits(FPAS(), search, search, score=ReverseScore(), threshold=0.0),
+        "DDPM (gamma 0.3)": edits(DDPM(gamma=0.3), diffusion, noise),
+        "CSA": edits(CSA(), consistency, student),
         "one-step gate": gate(1),
         "five-step gate": gate(5),
     }
@@ -151,7 +152,7 @@ def main() -> None:
     network = make_network()
     velocity = network.bind({"state": torch.randn(arguments.batch, STATE)})
     proposal = torch.randn(arguments.batch, CHUNK, ACTION)
-    generators = spawn(0, arguments.batch)
+    reference = Reference(velocity, generator=spawn(0, arguments.batch))
     editor, score = FEEG(steps=arguments.steps), ReverseScore()
     gate = ConformalGate(torch.rand(5000))
 
@@ -170,7 +171,7 @@ def main() -> None:
 
     rows = {
         f"FEEG ({arguments.steps} steps) / its forward and backward passes": ratio(
-            lambda: editor(proposal, velocity, generator=generators), passes, arguments.repeats
+            lambda: editor(proposal, reference), passes, arguments.repeats
         ),
         "one-step gate / one forward pass": ratio(gated, forward, 10 * arguments.repeats),
     }

@@ -13,7 +13,7 @@ import argparse
 import torch
 from benchmark_editing import ACTION, CHUNK, STATE, make_network, ratio
 
-from lerobot_gloves.editors import IFAE
+from lerobot_gloves.editors import IFAE, Reference
 from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.networks import BoundVelocity
@@ -43,10 +43,11 @@ def main() -> None:
     for guidance in (1.0, 2.0):
         agent, expert = flow("noised"), flow("expert")
         editor = IFAE(steps=arguments.steps, guidance=guidance)
+        reference = Reference(expert, agent, generator=generators)
         fields = [agent, expert, agent] if guidance != 1.0 else [agent, expert]
         stacked = agent.stack(fields[1:])
         points = torch.cat([proposal] * len(fields))
-        editor(proposal, expert, agent, generator=generators)
+        editor(proposal, reference)
         evaluations = agent.evaluations + expert.evaluations
 
         @torch.no_grad()
@@ -55,9 +56,7 @@ def main() -> None:
                 field(points, times(k / arguments.steps, points))
 
         value, ours, theirs = ratio(
-            lambda editor=editor, expert=expert, agent=agent: editor(proposal, expert, agent, generator=generators),
-            bare,
-            arguments.repeats,
+            lambda editor=editor, reference=reference: editor(proposal, reference), bare, arguments.repeats
         )
         print(
             f"IFAE ({arguments.steps} steps, guidance {guidance:g}, {evaluations} evaluations an edit) / "

@@ -25,7 +25,7 @@ def test_a_bound_adapter_counts_evaluations_per_chunk():
     bound.score(chunk, adapter.scores["reverse"](steps=4))
     assert bound.evaluations == 4
     some = bound.select(torch.tensor([True, False, True]))
-    some.edit(chunk[::2], adapter.editors["feeg"](steps=3), score=None, threshold=None)
+    some.edit(chunk[::2], adapter.editors["feeg"](steps=3))
     assert (some.evaluations, bound.evaluations) == (3, 4)
     editor, score = adapter.editors["fpas"](iterations=2, candidates=5), adapter.scores["reverse"](steps=1)
     some.edit(chunk[::2], editor, score=score, threshold=1.0)
@@ -38,7 +38,7 @@ def test_what_is_bound_inside_inference_mode_can_be_differentiated():
 
     def edit():
         generator = torch.Generator().manual_seed(0)
-        return adapter.bind(batch).edit(chunk, editor, score=None, threshold=None, generator=generator)
+        return adapter.bind(batch).edit(chunk, editor, generator=generator)
 
     expected = edit()
     with torch.inference_mode():

@@ -1,7 +1,14 @@
-"""Editors: the rules that move a proposal towards the expert's actions. One rule, one file."""
+"""Editors: the rules that move a proposal towards the expert's actions. One rule, one file, all called alike.
+
+An editor is a frozen dataclass of numbers, called as `editor(proposal, reference) -> chunk`.
+"""
 
 from lerobot_gloves.editors.feeg import FEEG
 from lerobot_gloves.editors.fpas import FPAS
 from lerobot_gloves.editors.ifae import IFAE
+from lerobot_gloves.editors.reference import Reference
 
-__all__ = ["FEEG", "FPAS", "IFAE"]
+EDITORS: dict[str, type] = {"feeg": FEEG, "fpas": FPAS, "ifae": IFAE}
+"""Editors by name. One that another package enters here is a method of every adapter that is a flow."""
+
+__all__ = ["EDITORS", "FEEG", "FPAS", "IFAE", "Reference"]

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from lerobot_gloves.editors.reference import Reference
 from lerobot_gloves.flow import VelocityField, endpoint, interpolate, times
-from lerobot_gloves.generators import Generators, randn
+from lerobot_gloves.generators import randn
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,12 @@ class FEEG:
         if self.align < 0:
             raise ValueError(f"FEEG: align is {self.align}, but must not be negative")
 
-    def __call__(self, proposal: Tensor, expert: VelocityField, generator: Generators = None) -> Tensor:
-        """Edit proposals; also within `torch.inference_mode()`, if what `expert` holds was made outside it.
+    def __call__(self, proposal: Tensor, reference: Reference[VelocityField]) -> Tensor:
+        """Edit proposals; also within `torch.inference_mode()`, if what the expert flow holds was made outside it.
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
-            expert: The expert flow bound to the B contexts, differentiable in its first argument.
-            generator: Source of the noise.
+            reference: Its expert flow, which must be differentiable in its first argument, and its generator.
 
         Returns:
             Edited chunks, shape (B, T, A), detached.
@@ -55,13 +55,13 @@ class FEEG:
         device = proposal.device.type
         with torch.inference_mode(False), torch.enable_grad(), torch.autocast(device, enabled=False):
             target = proposal.detach().clone()
-            noise = randn(target.shape, generator, like=target)
+            noise = randn(target.shape, reference.generator, like=target)
             x = interpolate(noise, target, times(self.start, target))
             step = (1.0 - self.start) / self.steps
             for k in range(self.steps):
                 t = times(self.start + k * step, x)
                 x = x.detach().requires_grad_()
-                v = expert(x, t)
+                v = reference.expert(x, t)
                 residual = (endpoint(x, t, v) - target).detach()
                 gradient = residual
                 if v.requires_grad:  # A field that does not depend on x has no Jacobian to pull back through.

@@ -7,9 +7,9 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
+from lerobot_gloves.editors.reference import Reference
 from lerobot_gloves.flow import VelocityField
-from lerobot_gloves.generators import Generators, randn
-from lerobot_gloves.scores import ReverseScore, Score
+from lerobot_gloves.generators import randn
 
 
 @dataclass(frozen=True)
@@ -45,38 +45,36 @@ class FPAS:
             raise ValueError(f"FPAS: sigma is {self.sigma}, but must not be negative")
 
     @torch.no_grad()
-    def __call__(
-        self,
-        proposal: Tensor,
-        expert: VelocityField,
-        score: Score = ReverseScore(),
-        threshold: float = 0.0,
-        generator: Generators = None,
-        length: int | None = None,
-    ) -> Tensor:
+    def __call__(self, proposal: Tensor, reference: Reference[VelocityField]) -> Tensor:
         """Edit proposals.
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
-            expert: The expert flow bound to the B contexts; it is called with n * B rows.
-            score: Nonconformity score, `score(velocity, chunk, length=length) -> (N,)`.
-            threshold: tau, the largest admitted score.
-            generator: Source of the perturbations.
-            length: How many leading actions count; score and distance leave out the rest, which is padding.
+            reference: Its expert flow, which is called with n * B rows, score and threshold, its generator, and its
+                length: score and distance leave out the padding.
 
         Returns:
             Edited chunks, shape (B, T, A), detached.
+
+        Raises:
+            ValueError: If there is no score or no threshold.
         """
+        score, threshold, length = reference.score, reference.threshold, reference.length
+        if score is None or threshold is None:
+            raise ValueError(
+                f"FPAS searches below the gate's threshold, but is given score {score} and threshold {threshold}: "
+                "calibrate (gloves calibrate)"
+            )
         if self.edit == 0:
             return proposal.detach()
         batch, (n, shape) = proposal.shape[0], (self.candidates, proposal.shape[1:])
         source, chunk = proposal[:, None], proposal
         for _ in range(self.iterations):
-            noise = self.sigma * randn((batch * n, *shape), generator, like=proposal).view(batch, n, *shape)
+            noise = self.sigma * randn((batch * n, *shape), reference.generator, like=proposal).view(batch, n, *shape)
             # The zero perturbation keeps the current chunk among the candidates.
             noise = torch.cat([torch.zeros_like(noise[:, :1]), noise[:, 1:]], dim=1)
             candidate = chunk[:, None] + noise
-            scores = score(expert, candidate.flatten(0, 1), length=length).view(batch, n)
+            scores = score(reference.expert, candidate.flatten(0, 1), length=length).view(batch, n)
             # Where nothing is admitted, the violation is the score itself: weights do not feel a constant.
             violation = scores if threshold == -math.inf else (scores - threshold).clamp(min=0)
             loss = violation + self.align * (candidate - source)[:, :, :length].square().sum(dim=(2, 3))

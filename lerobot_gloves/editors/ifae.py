@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from lerobot_gloves.editors.reference import Reference
 from lerobot_gloves.flow import VelocityField, endpoint, interpolate, times
-from lerobot_gloves.generators import Generators, randn
+from lerobot_gloves.generators import randn
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class IFAE:
         guidance: Weight omega of the expert against the agent at p_k; at 1 the agent is not evaluated there.
         start: Time t_0 of the first step. The paper's is 0, where the first step does not look at the proposal: where
             the expert has modes that the agent's flow lacks, a later start keeps more of what the agent meant.
+        needs_agent: Whether it is of no use without an agent flow, see `lerobot_gloves.adapter`.
 
     Raises:
         ValueError: If `steps` is below 1, `start` is outside [0, 1), or `align` is negative or so large that it undoes
@@ -38,6 +41,7 @@ class IFAE:
     align: float = 0.01
     guidance: float = 1.0
     start: float = 0.0
+    needs_agent: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.steps < 1:
@@ -52,27 +56,30 @@ class IFAE:
             )
 
     @torch.no_grad()
-    def __call__(
-        self, proposal: Tensor, expert: VelocityField, agent: VelocityField, generator: Generators = None
-    ) -> Tensor:
+    def __call__(self, proposal: Tensor, reference: Reference[VelocityField]) -> Tensor:
         """Edit proposals.
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
-            expert: v_e, the expert flow bound to the B contexts.
-            agent: v_u, the agent flow bound to the same. If it offers `stack(others)`, as a `BoundVelocity` does for
-                the fields of its own network, a step is one evaluation of one batch.
-            generator: Source of the noise, fresh at every step.
+            reference: Its expert flow v_e, its agent flow v_u, and its generator, source of the noise that is fresh at
+                every step. If the agent flow offers `stack(others)`, as a `BoundVelocity` does for the fields of its
+                own network, a step is one evaluation of one batch.
 
         Returns:
             Edited chunks, shape (B, T, A), detached.
+
+        Raises:
+            ValueError: If there is no agent flow.
         """
+        expert, agent = reference.expert, reference.agent
+        if agent is None:
+            raise ValueError("IFAE: the reference has no agent flow, v_u, whose difference from v_e is followed")
         guided = self.guidance != 1.0
         evaluate = _side_by_side([agent, expert, agent] if guided else [agent, expert])
         chunk, step = proposal, (1.0 - self.start) / self.steps
         for k in range(self.steps):
             t = times(self.start + k * step, proposal)
-            q = interpolate(randn(proposal.shape, generator, like=proposal), proposal, t)
+            q = interpolate(randn(proposal.shape, reference.generator, like=proposal), proposal, t)
             p = q + (chunk - proposal)
             v_q, v_p, *base = evaluate([q, p, p] if guided else [q, p], t)
             if guided:

@@ -132,8 +132,8 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
     gc.collect()  # the last batch's agent refers to itself, and a GPU may not hold two
     set_seed(seed)  # for agents that draw from the global generators
     wrapped = load_agent(cast(EnvConfig, env_config), agent.checkpoint, agent.perturbation, seed)
-    listener = Listener(wrapped.policy.config.perturbation)
-    wrapped.policy.config.perturbation = listener
+    listener = Listener(wrapped.policy.perturbation)
+    wrapped.policy.perturbation = listener
     queries: dict[int, list[dict[str, np.ndarray]]] = defaultdict(list)
 
     def watch(observation: Mapping[str, Any], running: np.ndarray) -> None:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from lerobot_gloves.editors import Reference
+
 from .edm import Denoiser
 
 
@@ -34,12 +36,12 @@ class CSA:
             raise ValueError(f"CSA: blend is {self.blend}, but must lie in [0, 1]")
 
     @torch.no_grad()
-    def __call__(self, proposal: Tensor, student: Denoiser) -> Tensor:
+    def __call__(self, proposal: Tensor, reference: Reference[Denoiser]) -> Tensor:
         """Edit proposals.
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
-            student: The consistency function bound to the B contexts.
+            reference: The consistency function, or student, bound to the B contexts.
 
         Returns:
             Edited chunks, shape (B, T, A), detached.
@@ -49,6 +51,7 @@ class CSA:
         """
         if self.blend == 1.0:
             return proposal.detach()
+        student = reference.expert
         levels = student.noise.levels
         if self.level >= levels:
             raise ValueError(f"CSA: level is {self.level}, but the student's levels are 0 to {levels - 1}")

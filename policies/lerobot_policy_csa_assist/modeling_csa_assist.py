@@ -9,8 +9,9 @@ from huggingface_hub.errors import HFValidationError
 from lerobot.configs import PreTrainedConfig
 from torch import Tensor
 
+from gloves_flow.modeling_flow import FlowPolicy
+from lerobot_gloves.editors import Reference
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
-from lerobot_policy_gloves.flow.modeling_flow import FlowPolicy
 
 from .configuration_csa_assist import SHARED, CsaAssistConfig
 from .consistency import distillation_loss
@@ -33,6 +34,7 @@ class CsaAssistPolicy(FlowPolicy):
     config_class = CsaAssistConfig
     name = "csa_assist"
     editors: Mapping[str, type] = {"csa": CSA}
+    default_editor = "csa"
     scores: Mapping[str, type] = {}
 
     def __init__(self, config: CsaAssistConfig, **kwargs: object):
@@ -122,8 +124,8 @@ class BoundCsaAssist:
     def select(self, rows: Tensor) -> "BoundCsaAssist":
         return BoundCsaAssist(Denoiser(self.student.network.select(rows), self.student.noise, self.student.identity))
 
-    def edit(self, proposal: Tensor, editor: CSA, **_: Any) -> Tensor:
-        return editor(proposal, self.student)
+    def edit(self, proposal: Tensor, editor: CSA, **given: Any) -> Tensor:
+        return editor(proposal, Reference(self.student, **given))
 
 
 def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:

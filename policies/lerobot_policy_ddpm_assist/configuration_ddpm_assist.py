@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_policy_gloves.flow.configuration_flow import FlowConfig
+from gloves_flow.configuration_flow import FlowConfig
 
 SCHEDULES = ("sigmoid", "linear", "squaredcos_cap_v2")
 """Noise schedules, by their names in diffusers. The first is the original's."""

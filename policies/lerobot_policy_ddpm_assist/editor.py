@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from lerobot_gloves.generators import Generators, randn
+from lerobot_gloves.editors import Reference
+from lerobot_gloves.generators import randn
 
 from .diffusion import Diffusion
 
@@ -30,17 +31,17 @@ class DDPM:
             raise ValueError(f"DDPM: gamma is {self.gamma}, but must lie in [0, 1]")
 
     @torch.no_grad()
-    def __call__(self, proposal: Tensor, expert: Diffusion, generator: Generators = None) -> Tensor:
+    def __call__(self, proposal: Tensor, reference: Reference[Diffusion]) -> Tensor:
         """Edit proposals.
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
-            expert: The diffusion of the expert's chunks, bound to the B contexts.
-            generator: Source of the noise; a sequence holds one for each of the B rows.
+            reference: The diffusion of the expert's chunks, bound to the B contexts, and its generator.
 
         Returns:
             Edited chunks, shape (B, T, A), detached.
         """
+        expert, generator = reference.expert, reference.generator
         last = int((expert.steps - 1) * self.gamma)
         if last == 0:
             return proposal.detach()

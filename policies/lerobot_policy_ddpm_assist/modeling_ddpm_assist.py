@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from lerobot_gloves.generators import Generators
+from gloves_flow.modeling_flow import FlowPolicy
+from lerobot_gloves.editors import Reference
 from lerobot_gloves.networks import BoundVelocity
-from lerobot_policy_gloves.flow.modeling_flow import FlowPolicy
 
 from .configuration_ddpm_assist import DdpmAssistConfig
 from .diffusion import Diffusion, noise_prediction_loss, noise_scheduler
@@ -31,6 +31,7 @@ class DdpmAssistPolicy(FlowPolicy):
     config_class = DdpmAssistConfig
     name = "ddpm_assist"
     editors: Mapping[str, type] = {"ddpm": DDPM}
+    default_editor = "ddpm"
     scores: Mapping[str, type] = {}
 
     def __init__(self, config: DdpmAssistConfig, **kwargs: object):
@@ -67,5 +68,5 @@ class BoundDdpmAssist:
     def select(self, rows: Tensor) -> "BoundDdpmAssist":
         return BoundDdpmAssist(self.network.select(rows), self.scheduler)
 
-    def edit(self, proposal: Tensor, editor: DDPM, *, generator: Generators = None, **_: Any) -> Tensor:
-        return editor(proposal, Diffusion(self.network, self.scheduler), generator=generator)
+    def edit(self, proposal: Tensor, editor: DDPM, **given: Any) -> Tensor:
+        return editor(proposal, Reference(Diffusion(self.network, self.scheduler), **given))

@@ -11,7 +11,7 @@ is affine in x, coordinate by coordinate.
 import pytest
 import torch
 
-from lerobot_gloves.editors import FEEG
+from lerobot_gloves.editors import FEEG, Reference
 from lerobot_gloves.flow import integrate
 from tests.gaussian import GaussianFlow, example_flow, seeded
 
@@ -50,14 +50,14 @@ def recursion(flow: GaussianFlow, proposal: torch.Tensor, noise: torch.Tensor, e
 )
 def test_an_edit_is_the_recursion_by_hand(flow, proposal, editor):
     noise = torch.randn(5, 3, 2, generator=seeded(1), dtype=torch.float64)
-    edited = editor(proposal, flow, generator=seeded(1))
+    edited = editor(proposal, Reference(flow, generator=seeded(1)))
     assert torch.allclose(edited, recursion(flow, proposal, noise, editor), rtol=0, atol=1e-12)
 
 
 def test_without_guidance_an_edit_is_the_flow_from_the_noised_proposal(flow, proposal):
     noise = torch.randn(5, 3, 2, generator=seeded(1), dtype=torch.float64)
     expected = integrate(flow, 0.3 * proposal + 0.7 * noise, start=0.3, end=1.0, steps=7)
-    edited = FEEG(start=0.3, steps=7, align=0.0)(proposal, flow, generator=seeded(1))
+    edited = FEEG(start=0.3, steps=7, align=0.0)(proposal, Reference(flow, generator=seeded(1)))
     assert torch.allclose(edited, expected, rtol=0, atol=1e-13)
 
 
@@ -65,7 +65,7 @@ def test_the_gradient_is_pulled_back_by_the_transposed_jacobian():
     """A field that couples the actions without symmetry: v = M x, so x_1_hat = (I + (1 - t) M) x."""
     matrix = torch.tensor([[0.2, -1.0], [0.5, 0.1]], dtype=torch.float64)
     proposal = torch.tensor([[[1.0], [-2.0]]], dtype=torch.float64)
-    edited = FEEG(start=0.4, steps=2, align=0.7)(proposal, lambda x, t: matrix @ x, generator=seeded(3))
+    edited = FEEG(start=0.4, steps=2, align=0.7)(proposal, Reference(lambda x, t: matrix @ x, generator=seeded(3)))
     x = 0.4 * proposal + 0.6 * torch.randn(1, 2, 1, generator=seeded(3), dtype=torch.float64)
     for t in (0.4, 0.7):
         jacobian = torch.eye(2, dtype=torch.float64) + (1 - t) * matrix
@@ -75,7 +75,7 @@ def test_the_gradient_is_pulled_back_by_the_transposed_jacobian():
 
 def test_a_field_that_does_not_look_at_the_action_has_the_identity_as_jacobian(proposal):
     """v = c, so x_1_hat = x + (1 - t) c and its derivative is the identity."""
-    edited = FEEG(start=0.5, steps=1)(proposal, lambda x, t: torch.full_like(x, 0.3), generator=seeded(3))
+    edited = FEEG(start=0.5, steps=1)(proposal, Reference(lambda x, t: torch.full_like(x, 0.3), generator=seeded(3)))
     x = 0.5 * proposal + 0.5 * torch.randn(5, 3, 2, generator=seeded(3), dtype=torch.float64)
     assert torch.allclose(edited, x + 0.5 * (0.3 - (x + 0.15 - proposal)), rtol=0, atol=1e-14)
 
@@ -84,19 +84,19 @@ def test_a_field_that_does_not_look_at_the_action_has_the_identity_as_jacobian(p
 def test_from_the_end_nothing_is_edited(proposal, flow, dtype):
     proposal = proposal.to(dtype)
     flow = GaussianFlow(flow.mean.to(dtype), flow.std.to(dtype))
-    edited = FEEG(start=1.0)(proposal, flow, generator=seeded(0))
+    edited = FEEG(start=1.0)(proposal, Reference(flow, generator=seeded(0)))
     assert edited.dtype == dtype
     assert torch.equal(edited, proposal)
 
 
 def test_from_the_end_not_even_a_broken_field_edits(proposal):
-    edited = FEEG(start=1.0)(proposal, lambda x, t: torch.full_like(x, torch.nan), generator=seeded(0))
+    edited = FEEG(start=1.0)(proposal, Reference(lambda x, t: torch.full_like(x, torch.nan), generator=seeded(0)))
     assert torch.equal(edited, proposal)
 
 
 def test_guidance_pulls_the_edit_towards_the_proposal(flow, proposal):
     distances = [
-        (FEEG(start=0.0, align=align)(proposal, flow, generator=seeded(4)) - proposal).norm().item()
+        (FEEG(start=0.0, align=align)(proposal, Reference(flow, generator=seeded(4))) - proposal).norm().item()
         for align in (0.0, 0.5, 1.0, 2.0)
     ]
     assert distances == sorted(distances, reverse=True)
@@ -104,13 +104,13 @@ def test_guidance_pulls_the_edit_towards_the_proposal(flow, proposal):
 
 def test_without_guidance_the_beginning_forgets_the_proposal(flow, proposal):
     editor = FEEG(start=0.0, align=0.0)
-    one, other = (editor(chunk, flow, generator=seeded(5)) for chunk in (proposal, proposal + 3))
+    one, other = (editor(chunk, Reference(flow, generator=seeded(5))) for chunk in (proposal, proposal + 3))
     assert torch.equal(one, other)
 
 
 def test_an_edit_brings_a_distant_proposal_to_the_expert(flow):
     distant = flow.mean + 6 * flow.std * torch.tensor([1.0, -1.0], dtype=torch.float64)
-    edited = FEEG(start=0.2)(distant.expand(50, 3, 2), flow, generator=seeded(6))
+    edited = FEEG(start=0.2)(distant.expand(50, 3, 2), Reference(flow, generator=seeded(6)))
     narrow = flow.std < 0.5
     before = ((distant - flow.mean) / flow.std).abs()[narrow]
     after = ((edited - flow.mean) / flow.std).abs().mean(0)[narrow]
@@ -135,11 +135,11 @@ def network() -> torch.nn.Module:
 
 def test_inference_mode_changes_nothing():
     field, proposal = network(), torch.randn(4, 3, 2, generator=seeded(7))
-    expected = FEEG()(proposal, field, generator=seeded(8))
+    expected = FEEG()(proposal, Reference(field, generator=seeded(8)))
     with torch.inference_mode():
-        edited = FEEG()(proposal.clone(), field, generator=seeded(8))
+        edited = FEEG()(proposal.clone(), Reference(field, generator=seeded(8)))
     with torch.no_grad():
-        quiet = FEEG()(proposal, field, generator=seeded(8))
+        quiet = FEEG()(proposal, Reference(field, generator=seeded(8)))
     assert torch.equal(edited, expected)
     assert torch.equal(quiet, expected)
 
@@ -147,7 +147,7 @@ def test_inference_mode_changes_nothing():
 def test_an_edit_leaves_no_trace_in_network_or_proposal():
     field, proposal = network(), torch.randn(4, 3, 2, generator=seeded(7))
     before = proposal.clone()
-    edited = FEEG()(proposal, field, generator=seeded(8))
+    edited = FEEG()(proposal, Reference(field, generator=seeded(8)))
     assert not edited.requires_grad
     assert all(parameter.grad is None for parameter in field.parameters())
     assert torch.equal(proposal, before)
@@ -155,17 +155,17 @@ def test_an_edit_leaves_no_trace_in_network_or_proposal():
 
 
 def test_the_same_seed_edits_alike_and_another_one_otherwise(flow, proposal):
-    edits = [FEEG()(proposal, flow, generator=seeded(seed)) for seed in (1, 1, 2)]
+    edits = [FEEG()(proposal, Reference(flow, generator=seeded(seed))) for seed in (1, 1, 2)]
     assert torch.equal(edits[0], edits[1])
     assert not torch.equal(edits[0], edits[2])
 
 
 def test_an_environment_is_edited_alike_in_any_batch(proposal):
     flows = example_flow(contexts=5)
-    batch = FEEG()(proposal, flows, generator=[seeded(i) for i in range(5)])
+    batch = FEEG()(proposal, Reference(flows, generator=[seeded(i) for i in range(5)]))
     for i in range(5):
         alone = GaussianFlow(flows.mean[i], flows.std[i])
-        assert torch.equal(FEEG()(proposal[i : i + 1], alone, generator=[seeded(i)]), batch[i : i + 1])
+        assert torch.equal(FEEG()(proposal[i : i + 1], Reference(alone, generator=[seeded(i)])), batch[i : i + 1])
 
 
 @pytest.mark.parametrize(

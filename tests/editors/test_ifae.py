@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_gloves.editors import IFAE
+from lerobot_gloves.editors import IFAE, Reference
 from lerobot_gloves.networks import VelocityNetwork
 from tests.builders import awaken
 from tests.gaussian import GaussianFlow, example_flow, seeded
@@ -101,7 +101,7 @@ def moments(agent: tuple[float, float], expert: tuple[float, float], editor: IFA
 def test_an_edit_is_algorithm_1(agent, expert, proposal, editor):
     generator = seeded(1)
     noise = [torch.randn(5, 3, 2, generator=generator, dtype=torch.float64) for _ in range(editor.steps)]
-    edited = editor(proposal, expert, agent, generator=seeded(1))
+    edited = editor(proposal, Reference(expert, agent, generator=seeded(1)))
     expected = algorithm(proposal, expert, agent, torch.stack(noise), editor)
     np.testing.assert_allclose(edited.numpy(), expected, rtol=0, atol=1e-12)
 
@@ -113,7 +113,7 @@ def test_an_edit_is_algorithm_1(agent, expert, proposal, editor):
 def test_mean_and_variance_of_edits_are_those_of_the_affine_recursion(expert, steps, align, start):
     editor, source = IFAE(steps=steps, align=align, start=start), (-0.3, 0.1)
     proposals = flow(*source).sample(N, seeded(2))
-    edited = editor(proposals, flow(*expert), flow(*source), generator=seeded(3))
+    edited = editor(proposals, Reference(flow(*expert), flow(*source), generator=seeded(3)))
     mean, variance = moments(source, expert, editor)
     count = edited.numel()
     assert abs(edited.mean().item() - mean) < 4 * (variance / count) ** 0.5
@@ -122,7 +122,7 @@ def test_mean_and_variance_of_edits_are_those_of_the_affine_recursion(expert, st
 
 @pytest.mark.parametrize(("align", "share"), [(0.0, 1.00), (0.01, 0.98), (0.1, 0.76)])
 def test_share_of_the_gap_between_agent_and_expert_that_an_edit_closes(align, share):
-    edited = IFAE(align=align)(AGENT.sample(N, seeded(2)), EXPERT, AGENT, generator=seeded(3))
+    edited = IFAE(align=align)(AGENT.sample(N, seeded(2)), Reference(EXPERT, AGENT, generator=seeded(3)))
     assert (edited.mean().item() + 0.3) / 0.6 == pytest.approx(share, abs=0.03)
 
 
@@ -130,25 +130,25 @@ def test_share_of_the_gap_between_agent_and_expert_that_an_edit_closes(align, sh
 @pytest.mark.parametrize("steps", [10, 33])
 def test_an_agent_that_is_the_expert_is_left_as_it_is(agent, proposal, steps, dtype):
     proposal, same = proposal.to(dtype), GaussianFlow(agent.mean.to(dtype), agent.std.to(dtype))
-    edited = IFAE(steps=steps, align=0.0)(proposal, same, same, generator=seeded(1))
+    edited = IFAE(steps=steps, align=0.0)(proposal, Reference(same, same, generator=seeded(1)))
     assert edited.dtype == dtype
     assert torch.equal(edited, proposal)
 
 
 def test_without_edit_strength_nothing_is_edited(agent, expert, proposal):
-    assert torch.equal(IFAE(edit=0.0, align=0.0)(proposal, expert, agent, generator=seeded(1)), proposal)
+    assert torch.equal(IFAE(edit=0.0, align=0.0)(proposal, Reference(expert, agent, generator=seeded(1))), proposal)
 
 
 def test_from_the_beginning_a_shift_between_like_distributions_shifts_every_proposal_by_it():
     """Equal spreads: the first step, from t = 0, closes what it covers whatever the proposal; every edit is a shift."""
     proposals = AGENT.sample(100, seeded(2))
-    moved = IFAE(align=0.0)(proposals, EXPERT, AGENT, generator=seeded(3)) - proposals
+    moved = IFAE(align=0.0)(proposals, Reference(EXPERT, AGENT, generator=seeded(3))) - proposals
     torch.testing.assert_close(moved, torch.full_like(moved, 0.6), rtol=0, atol=1e-12)
 
 
 def test_align_shortens_the_edit(agent, expert, proposal):
     moved = [
-        (IFAE(align=align)(proposal, expert, agent, generator=seeded(4)) - proposal).norm().item()
+        (IFAE(align=align)(proposal, Reference(expert, agent, generator=seeded(4))) - proposal).norm().item()
         for align in (0.0, 0.01, 0.05, 0.1)
     ]
     assert moved == sorted(moved, reverse=True)
@@ -179,10 +179,10 @@ def test_one_network_is_evaluated_once_a_step_and_edits_as_two_do(guidance, eval
     proposal = torch.randn(5, 3, 2, generator=seeded(7))
     calls = []
     agent.dit.register_forward_hook(lambda module, inputs, output: calls.append(len(output)))
-    edited = IFAE(guidance=guidance)(proposal, expert, agent, generator=seeded(8))
+    edited = IFAE(guidance=guidance)(proposal, Reference(expert, agent, generator=seeded(8)))
     assert calls == 10 * [5 * sum(evaluations) // 10]
     assert (agent.evaluations, expert.evaluations) == evaluations
-    apart = IFAE(guidance=guidance)(proposal, lone_expert, lone_agent, generator=seeded(8))
+    apart = IFAE(guidance=guidance)(proposal, Reference(lone_expert, lone_agent, generator=seeded(8)))
     torch.testing.assert_close(edited, apart)
     assert (lone_agent.evaluations, lone_expert.evaluations) == evaluations
     assert not torch.allclose(edited, proposal, atol=1e-3)
@@ -191,19 +191,24 @@ def test_one_network_is_evaluated_once_a_step_and_edits_as_two_do(guidance, eval
 def test_an_edit_needs_no_gradient_and_leaves_no_trace(proposal, agent):
     field = torch.nn.Linear(2, 2, dtype=torch.float64)
     before = proposal.clone()
-    edited = IFAE()(proposal, lambda x, t: field(x), agent, generator=seeded(7))
+    edited = IFAE()(proposal, Reference(lambda x, t: field(x), agent, generator=seeded(7)))
     assert not edited.requires_grad
     assert torch.equal(proposal, before)
 
 
 def test_inference_mode_changes_nothing(agent, expert, proposal):
-    expected = IFAE()(proposal, expert, agent, generator=seeded(8))
+    expected = IFAE()(proposal, Reference(expert, agent, generator=seeded(8)))
     with torch.inference_mode():
-        assert torch.equal(IFAE()(proposal, expert, agent, generator=seeded(8)), expected)
+        assert torch.equal(IFAE()(proposal, Reference(expert, agent, generator=seeded(8))), expected)
+
+
+def test_without_an_agent_flow_there_is_no_difference_to_follow(expert, proposal):
+    with pytest.raises(ValueError, match="IFAE: the reference has no agent flow"):
+        IFAE()(proposal, Reference(expert))
 
 
 def test_the_same_seed_edits_alike_and_another_one_otherwise(agent, expert, proposal):
-    edits = [IFAE()(proposal, expert, agent, generator=seeded(seed)) for seed in (1, 1, 2)]
+    edits = [IFAE()(proposal, Reference(expert, agent, generator=seeded(seed))) for seed in (1, 1, 2)]
     assert torch.equal(edits[0], edits[1])
     assert not torch.equal(edits[0], edits[2])
 
@@ -211,10 +216,10 @@ def test_the_same_seed_edits_alike_and_another_one_otherwise(agent, expert, prop
 def test_an_environment_is_edited_alike_in_any_batch(proposal):
     agents = example_flow(contexts=5)
     experts = GaussianFlow(agents.mean + 0.5, 0.5 * agents.std)
-    batch = IFAE()(proposal, experts, agents, generator=[seeded(i) for i in range(5)])
+    batch = IFAE()(proposal, Reference(experts, agents, generator=[seeded(i) for i in range(5)]))
     for i in range(5):
         pair = [GaussianFlow(flows.mean[i], flows.std[i]) for flows in (experts, agents)]
-        assert torch.equal(IFAE()(proposal[i : i + 1], *pair, generator=[seeded(i)]), batch[i : i + 1])
+        assert torch.equal(IFAE()(proposal[i : i + 1], Reference(*pair, generator=[seeded(i)])), batch[i : i + 1])
 
 
 @pytest.mark.parametrize(
@@ -241,7 +246,7 @@ def test_bad_parameters_are_refused(arguments, message):
 def test_align_may_reach_its_bound(arguments):
     """There the edit still goes from the agent's mean to the expert's, just shorter; above it is refused."""
     editor, source, target = IFAE(**arguments), (-0.3, 0.1), (0.3, 0.1)
-    edited = editor(AGENT.sample(2000, seeded(2)), EXPERT, AGENT, generator=seeded(3)).mean().item()
+    edited = editor(AGENT.sample(2000, seeded(2)), Reference(EXPERT, AGENT, generator=seeded(3))).mean().item()
     assert edited == pytest.approx(moments(source, target, editor)[0], abs=0.01)
     unaligned = moments(source, target, replace(editor, align=0.0))[0]
     assert source[0] + 0.2 < edited < unaligned - 0.05

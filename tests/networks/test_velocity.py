@@ -1,12 +1,7 @@
-import ast
-import sys
-from pathlib import Path
-
 import pytest
 import torch
 from torch import nn
 
-import lerobot_gloves
 from lerobot_gloves.flow import integrate
 from lerobot_gloves.networks import VelocityNetwork
 from tests.builders import awaken
@@ -207,30 +202,3 @@ def test_the_null_learns():
 def test_nothing_to_be_conditioned_on_is_refused():
     with pytest.raises(ValueError, match="neither a state vector nor a camera"):
         VelocityNetwork(A, states={})
-
-
-def test_the_method_imports_torch_and_nothing_of_lerobot():
-    rooms = {
-        "flow",
-        "scores",
-        "conformal",
-        "editors",
-        "networks",
-        "perturbations",
-        "generators",
-        "adapter",
-        "specification",
-    }
-    allowed = {*sys.stdlib_module_names, "torch", "torchvision", "numpy", *(f"lerobot_gloves.{room}" for room in rooms)}
-    folder = Path(lerobot_gloves.__file__).parent
-    files = [path for room in rooms for path in (*folder.glob(f"{room}.py"), *folder.glob(f"{room}/*.py"))]
-    assert len(files) >= len(rooms)
-    for path in files:
-        for node in ast.walk(ast.parse(path.read_text())):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            if isinstance(node, ast.ImportFrom):
-                assert node.level == 0, path
-                names = [node.module]
-            for name in names:
-                parts = name.split(".")
-                assert (".".join(parts[:2]) if parts[0] == "lerobot_gloves" else parts[0]) in allowed, (path, name)

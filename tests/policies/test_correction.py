@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from lerobot_gloves.adapter import pad
-from lerobot_gloves.editors import FEEG, FPAS
+from lerobot_gloves.editors import FEEG, FPAS, Reference
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.scores import ReverseScore
 from tests.builders import calibrate, load, observation, save_policy, wrap
@@ -70,7 +70,7 @@ def test_without_a_gate_every_proposal_is_edited_as_the_editor_says(agent, adapt
     for row in range(3):
         generator = spawn(5, 1, first_episode=row, stream="editor")
         alone = bound.select(torch.arange(3) == row)
-        edited = FEEG(start=0.3, steps=4)(chunk[row : row + 1], alone.expert, generator=generator)
+        edited = FEEG(start=0.3, steps=4)(chunk[row : row + 1], Reference(alone.expert, generator=generator))
         torch.testing.assert_close(executed[row : row + 1], postprocess(edited)[:, :4], rtol=1e-4, atol=1e-7)
     assert (executed != proposal).all()
 
@@ -105,7 +105,8 @@ def test_the_gate_admits_bit_for_bit_and_edits_the_rest(folder, agent, adapter):
     # An edited row is what it would have been alone.
     row = int(turned_away.nonzero()[0])
     generator = spawn(0, 1, first_episode=row, stream="editor")
-    alone = FEEG(steps=3)(chunk[row : row + 1], bound.select(torch.arange(4) == row).expert, generator=generator)
+    expert = bound.select(torch.arange(4) == row).expert
+    alone = FEEG(steps=3)(chunk[row : row + 1], Reference(expert, generator=generator))
     torch.testing.assert_close(executed[row : row + 1], postprocess(alone)[:, :4], rtol=1e-4, atol=1e-7)
 
 
@@ -121,7 +122,9 @@ def test_fpas_searches_below_the_gates_threshold(folder, agent):
     assert (scores > 0.25).all()
     editor = FPAS(iterations=3, sigma=0.5)
     # Only the 4 actions that there are count.
-    edited = editor(chunk, bound.expert, ReverseScore(), 0.25, length=4, generator=spawn(0, 2, stream="editor"))
+    generators = spawn(0, 2, stream="editor")
+    reference = Reference(bound.expert, score=ReverseScore(), threshold=0.25, length=4, generator=generators)
+    edited = editor(chunk, reference)
     torch.testing.assert_close(executed, postprocess(edited)[:, :4], rtol=1e-4, atol=1e-7)
 
 

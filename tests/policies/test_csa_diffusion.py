@@ -18,6 +18,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from lerobot_gloves.editors import Reference
 from lerobot_policy_csa_assist.consistency import distillation_loss
 from lerobot_policy_csa_assist.editor import CSA
 from lerobot_policy_csa_assist.edm import Denoiser, NoiseLevels, edm_loss, heun, solve
@@ -274,7 +275,7 @@ def test_a_student_comes_to_leap_where_its_teacher_walks():
 @pytest.mark.parametrize("blend", [0.0, 0.3])
 def test_an_edit_is_one_leap_from_the_levels_sigma_without_noise(level, blend):
     student, proposal = Exact(lowest=0.002), chunks(4, seed=5)
-    edited = CSA(level=level, blend=blend)(proposal, student)
+    edited = CSA(level=level, blend=blend)(proposal, Reference(student))
     (asked,) = student.asked
     step = (0.002 ** (1 / 7) - 80 ** (1 / 7)) / 79
     sigma = (80 ** (1 / 7) + level * step) ** 7
@@ -286,8 +287,8 @@ def test_an_edit_is_one_leap_from_the_levels_sigma_without_noise(level, blend):
 def test_a_blend_of_one_keeps_the_proposal_even_of_a_broken_student():
     student = Denoiser(lambda x, t: torch.full_like(x, torch.nan), NoiseLevels())
     proposal = chunks(4)
-    assert torch.equal(CSA(blend=1.0)(proposal, student), proposal)
-    assert CSA(blend=0.99)(proposal, student).isnan().all()
+    assert torch.equal(CSA(blend=1.0)(proposal, Reference(student)), proposal)
+    assert CSA(blend=0.99)(proposal, Reference(student)).isnan().all()
 
 
 @pytest.mark.parametrize(
@@ -302,4 +303,4 @@ def test_a_blend_of_one_keeps_the_proposal_even_of_a_broken_student():
 )
 def test_impossible_settings_are_one_clear_line(options, message):
     with pytest.raises(ValueError, match=message):
-        CSA(**options)(chunks(2), Exact(lowest=0.002))
+        CSA(**options)(chunks(2), Reference(Exact(lowest=0.002)))

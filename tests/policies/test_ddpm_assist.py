@@ -53,7 +53,7 @@ def test_training_teaches_the_expert():
     assert error() < 0.25 * held_out["action"].var()
     wrong = held_out["action"] + 0.5
     bound = policy.bind(held_out)
-    edited = bound.edit(wrong, DDPM(0.4), score=None, threshold=None, generator=seeded(0))
+    edited = bound.edit(wrong, DDPM(0.4), generator=seeded(0))
     distance = {name: (c - held_out["action"]).square().mean() for name, c in [("edited", edited), ("wrong", wrong)]}
     assert distance["edited"] < 0.6 * distance["wrong"]
 
@@ -79,10 +79,10 @@ def test_it_is_an_adapter_that_counts_evaluations_and_edits_rows_alike_in_any_ba
         bound = policy.bind(data)
         editor = policy.editors["ddpm"](gamma=0.4)
         assert editor == DDPM()
-        edited = bound.edit(chunk, editor, score=None, threshold=None, generator=[seeded(i) for i in range(3)])
-        again = bound.edit(chunk, editor, score=None, threshold=None, generator=[seeded(i) for i in range(3)])
+        edited = bound.edit(chunk, editor, generator=[seeded(i) for i in range(3)])
+        again = bound.edit(chunk, editor, generator=[seeded(i) for i in range(3)])
         some = bound.select(torch.tensor([True, False, True]))
-        part = some.edit(chunk[::2], editor, score=None, threshold=None, length=4, generator=[seeded(0), seeded(2)])
+        part = some.edit(chunk[::2], editor, length=4, generator=[seeded(0), seeded(2)])
     assert torch.equal(edited, again)
     torch.testing.assert_close(part, edited[::2], rtol=1e-5, atol=1e-5)
     assert (bound.evaluations, some.evaluations) == (38, 19)
@@ -108,7 +108,7 @@ def test_an_edit_follows_the_observation_and_never_the_goal():
         bound = policy.bind(
             {name: changed[name] for name in changed if key == "observation.goal" or "goal" not in name}
         )
-        edits[key] = bound.edit(chunk, DDPM(), score=None, threshold=None, generator=seeded(0))
+        edits[key] = bound.edit(chunk, DDPM(), generator=seeded(0))
     assert [torch.equal(edits[key], edits[""]) for key in data] == ["goal" in key for key in data]
     assert "observation.goal" not in policy.config.input_features
 

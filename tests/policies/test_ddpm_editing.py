@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import torch
 
+from lerobot_gloves.editors import Reference
 from lerobot_policy_ddpm_assist.configuration_ddpm_assist import SCHEDULES
 from lerobot_policy_ddpm_assist.diffusion import Diffusion, noise_prediction_loss, noise_scheduler
 from lerobot_policy_ddpm_assist.editor import DDPM
@@ -112,7 +113,7 @@ def by_hand(schedule: str, x: np.ndarray, noise: list[np.ndarray], steps: range)
 @pytest.mark.parametrize("gamma", [0.03, 0.2, 0.4, 0.7, 1.0])
 def test_an_edit_is_the_recursion_by_hand(schedule, gamma):
     proposal = torch.randn(4, 3, 2, generator=seeded(0), dtype=torch.float64)
-    edited = DDPM(gamma)(proposal, gaussian(schedule), generator=seeded(1))
+    edited = DDPM(gamma)(proposal, Reference(gaussian(schedule), generator=seeded(1)))
     k, source = int(49 * gamma), seeded(1)
     first, *noise = [torch.randn(4, 3, 2, generator=source, dtype=torch.float64).numpy() for _ in range(k + 1)]
     abar = np.cumprod(1 - betas(schedule))[k]
@@ -146,7 +147,7 @@ def test_an_edits_mean_is_affine_in_the_proposal_and_its_variance_is_not_moved_b
     k = int(49 * gamma)
     abar = np.cumprod(1 - betas("sigmoid"))[k]
     for proposal in (MEAN, MEAN + 1.5):
-        edited = DDPM(gamma)(proposal.expand(20_000, 3, 2), gaussian(), generator=seeded(2))
+        edited = DDPM(gamma)(proposal.expand(20_000, 3, 2), Reference(gaussian(), generator=seeded(2)))
         parameters = zip(MEAN.flatten().tolist(), STD.flatten().tolist(), proposal.flatten().tolist(), strict=True)
         check_moments(edited, [moments("sigmoid", m, s, math.sqrt(abar) * a, 1 - abar, k, 1) for m, s, a in parameters])
 
@@ -154,7 +155,7 @@ def test_an_edits_mean_is_affine_in_the_proposal_and_its_variance_is_not_moved_b
 def test_the_nearer_to_the_noise_the_less_is_left_of_the_proposal():
     slopes = []
     for gamma in (0.0, 0.2, 0.4, 0.6, 1.0):
-        edits = [DDPM(gamma)((MEAN + d)[None], gaussian(), generator=seeded(3)) for d in (0.0, 1.0)]
+        edits = [DDPM(gamma)((MEAN + d)[None], Reference(gaussian(), generator=seeded(3))) for d in (0.0, 1.0)]
         slopes.append((edits[1] - edits[0]).flatten())
     assert (torch.stack(slopes).diff(dim=0) < 0).all()
     assert torch.allclose(slopes[0], torch.ones(6, dtype=torch.float64)) and slopes[-1].abs().max() < 0.1
@@ -166,7 +167,7 @@ def test_the_nearer_to_the_noise_the_less_is_left_of_the_proposal():
 def test_an_edit_evaluates_the_network_once_a_step(gamma, steps):
     told = []
     diffusion = Diffusion(lambda x, t: told.append(t) or torch.zeros_like(x), gaussian().scheduler)
-    DDPM(gamma)(torch.zeros(2, 3, 2, dtype=torch.float64), diffusion, generator=seeded(0))
+    DDPM(gamma)(torch.zeros(2, 3, 2, dtype=torch.float64), Reference(diffusion, generator=seeded(0)))
     expected = [[1 - (k + 1) / 50] * 2 for k in range(steps, 0, -1)]
     torch.testing.assert_close([t.tolist() for t in told], expected)
 
@@ -175,7 +176,7 @@ def test_an_edit_evaluates_the_network_once_a_step(gamma, steps):
 def test_without_noise_the_proposal_is_kept_even_by_a_broken_network(dtype):
     proposal = torch.randn(2, 3, 2, generator=seeded(0), dtype=dtype)
     broken = Diffusion(lambda x, t: torch.full_like(x, torch.nan), gaussian().scheduler)
-    edited = DDPM(gamma=0)(proposal, broken, generator=seeded(0))
+    edited = DDPM(gamma=0)(proposal, Reference(broken, generator=seeded(0)))
     assert torch.equal(edited, proposal) and edited.dtype == dtype
 
 
@@ -189,11 +190,11 @@ def test_an_environment_is_edited_alike_in_any_batch():
     proposal = torch.randn(4, 3, 2, generator=seeded(0), dtype=torch.float64)
     torch.manual_seed(0)
     state = torch.get_rng_state()
-    edited = DDPM()(proposal, gaussian(), generator=[seeded(i) for i in range(4)])
-    alone = [DDPM()(proposal[i : i + 1], gaussian(), generator=[seeded(i)]) for i in range(4)]
+    edited = DDPM()(proposal, Reference(gaussian(), generator=[seeded(i) for i in range(4)]))
+    alone = [DDPM()(proposal[i : i + 1], Reference(gaussian(), generator=[seeded(i)])) for i in range(4)]
     assert torch.equal(edited, torch.cat(alone))
     assert torch.equal(torch.get_rng_state(), state)
-    same = DDPM()(proposal[:1].expand(2, 3, 2), gaussian(), generator=(seeded(0), seeded(1)))
+    same = DDPM()(proposal[:1].expand(2, 3, 2), Reference(gaussian(), generator=(seeded(0), seeded(1))))
     assert not torch.allclose(same[0], same[1], atol=1e-2)  # draws of its own
 
 

@@ -13,7 +13,7 @@ import torch
 from lerobot.policies import make_policy_config
 from lerobot.scripts.lerobot_eval import eval_main
 
-from lerobot_gloves.perturbations import Noised, Shift
+from lerobot_gloves.perturbations import Laggy, Noised, Shift
 from lerobot_policy_gloves.gloves.configuration_gloves import PASSTHROUGH, GlovesConfig
 from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
 from tests.builders import features, load, observation, save_policy, wrap
@@ -242,3 +242,17 @@ def test_a_perturbation_draws_by_seed_and_episode(checkpoints):
     assert torch.equal(noise(4), noise(4))
     assert not torch.allclose(noise(4, seed=1), noise(4), atol=0.1)
     assert not torch.allclose(noise(4)[0], noise(4)[1], atol=0.1)
+
+
+def test_two_wrappers_of_one_configuration_draw_apart_and_leave_it_as_it_was(checkpoints, tmp_path):
+    config = make_policy_config("gloves", agent=str(checkpoints.agent), perturbation=Laggy(p=0.5), seed=3)
+    told = vars(config.perturbation).copy()
+    pair, batches = [GlovesPolicy(config).eval() for _ in range(2)], [observation(2), observation(3, seed=1)]
+    mixed = [[policy.select_action(batch) for policy, batch in zip(pair, batches, strict=True)] for _ in range(20)]
+    for index, batch in enumerate(batches):
+        alone = GlovesPolicy(config).eval()
+        assert all(torch.equal(alone.select_action(batch), actions[index]) for actions in mixed)
+    assert vars(config.perturbation) == told == {"p": 0.5}
+    pair[0].save_pretrained(tmp_path / "wrapper")
+    saved = json.loads((tmp_path / "wrapper" / "config.json").read_text())
+    assert saved["perturbation"] == {"type": "laggy", "p": 0.5}

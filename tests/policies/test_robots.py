@@ -8,7 +8,7 @@ from lerobot.policies.rtc.configuration_rtc import RTCConfig
 from lerobot.rollout.inference.rtc import supports_rtc_inference
 from lerobot.scripts.lerobot_rollout import rollout
 
-from lerobot_gloves.editors import FEEG
+from lerobot_gloves.editors import FEEG, Reference
 from lerobot_policy_gloves.gloves_flow_policy.modeling_gloves_flow_policy import GlovesFlowPolicy
 from tests.builders import load, observation, save_policy, wrap
 from tests.policies.toyrobot import INPUTS, OUTPUTS, ToyRobot
@@ -104,5 +104,6 @@ def test_a_chunk_is_edited_window_by_window(checkpoints, tmp_path):
     for window in (proposal[:, :6], torch.cat([proposal[:, 6:], proposal[:, -1:].expand(-1, 3, -1)], dim=1)):
         inputs = {key: value for key, value in batch.items() if key in adapter.config.input_features}
         prepared = preprocess({**inputs, "action": window})
-        expected.append(postprocess(FEEG(steps=2)(prepared["action"], adapter.velocity(prepared), generator=generator)))
+        reference = Reference(adapter.velocity(prepared), generator=generator)
+        expected.append(postprocess(FEEG(steps=2)(prepared["action"], reference)))
     torch.testing.assert_close(edited, torch.cat(expected, dim=1)[:, :9], rtol=1e-4, atol=1e-7)

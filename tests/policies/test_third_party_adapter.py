@@ -82,7 +82,8 @@ def test_it_edits(checkpoints, adapter):
     assert policy.statistics()["evaluations"] == 1
 
 
-def test_its_first_editor_and_score_are_the_defaults(checkpoints, adapter):
+def test_its_own_editor_and_its_first_score_are_the_defaults(checkpoints, adapter, package, monkeypatch):
+    monkeypatch.setattr(package.NudgePolicy, "editors", {"other": package.Distance, "nudge": package.Nudge})
     corrector = wrap(checkpoints.agent, adapter=adapter)._corrector
     assert (corrector.editor.share, corrector.score.power, corrector.specification) == (0.5, 2.0, DISTANCE)
 
@@ -159,6 +160,7 @@ def test_without_scores_a_gate_is_refused(checkpoints, scoreless, options):
 
 def test_without_editors_it_only_watches(checkpoints, adapter, package, monkeypatch):
     monkeypatch.setattr(package.NudgePolicy, "editors", {})
+    monkeypatch.setattr(package.NudgePolicy, "default_editor", "none")
     batch = observation(2)
     watched = wrap(checkpoints.agent, adapter=adapter)
     assert torch.equal(act(watched, batch, 5), act(wrap(checkpoints.agent), batch, 5))

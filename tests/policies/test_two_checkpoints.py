@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from lerobot_gloves.editors import IFAE
+from lerobot_gloves.editors import IFAE, Reference
 from tests.builders import load, make_policy, observation, save_policy, statistics, wrap
 
 T = 6
@@ -23,9 +23,9 @@ def test_an_edit_is_ifae_between_the_two(flows):
     (expert, _), (agent, _) = load(expert_folder), load(agent_folder, "--agent_source=slow")
     seen, proposal, editor = observation(3), torch.randn(3, T, 2), IFAE(steps=4)
     bound = adapter.bind(seen)
-    edited = bound.edit(proposal, editor, score=None, threshold=None, generator=torch.Generator().manual_seed(0))
+    edited = bound.edit(proposal, editor, generator=torch.Generator().manual_seed(0))
     fields = expert.velocity(seen), agent.agent_velocity(seen)
-    expected = editor(proposal, *fields, generator=torch.Generator().manual_seed(0))
+    expected = editor(proposal, Reference(*fields, generator=torch.Generator().manual_seed(0)))
     torch.testing.assert_close(edited, expected, rtol=0, atol=0)
     assert bound.evaluations == 2 * 4
 
@@ -46,9 +46,9 @@ def test_the_wrapper_names_it_by_the_adapters_own_option(flows, checkpoints):
 
 
 def test_without_one_ifae_says_how_to_name_one(flows, checkpoints):
-    policy = wrap(checkpoints.agent, adapter=flows[0], method="ifae")
-    with pytest.raises(ValueError, match=r"""ifae needs the agent's flow .*='\["--agent_flow=<checkpoint>"\]'"""):
-        policy.select_action(observation(2))
+    message = r"""^ifae needs the agent's flow .*='\["--agent_flow=<checkpoint>"\]'$"""
+    with pytest.raises(ValueError, match=message):
+        wrap(checkpoints.agent, adapter=flows[0], method="ifae")
 
 
 def test_a_checkpoint_that_does_not_fit_is_one_clear_line(flows, tmp_path):

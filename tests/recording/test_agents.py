@@ -224,7 +224,8 @@ def test_pixels_are_recorded_once_a_query_and_repeated(tmp_path_factory):
 
 def test_proposals_of_several_lengths_are_refused(monkeypatch):
     class Wavering:
-        config = SimpleNamespace(perturbation=None, device="cpu", use_amp=False)
+        config = SimpleNamespace(device="cpu", use_amp=False)
+        perturbation = None
         step = 0
 
         def reset(self):
@@ -232,7 +233,7 @@ def test_proposals_of_several_lengths_are_refused(monkeypatch):
 
         def select_action(self, batch):
             if self.step % 2 == 0:
-                self.config.perturbation(torch.zeros(1, 2 + self.step, 2))
+                self.perturbation(torch.zeros(1, 2 + self.step, 2))
             self.step += 1
             return torch.zeros(1, 2)
 

@@ -4,7 +4,7 @@ import runpy
 import sys
 from pathlib import Path
 
-from tests.benchmark.test_report import tables
+from tests.report.test_text import tables
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "benchmark_editing.py"
 EVALUATIONS = {

@@ -55,7 +55,7 @@ class GlovesConfig(PreTrainedConfig):
     # Observation keys of the environment to those that the adapter was trained on.
     adapter_rename_map: dict[str, str] = field(default_factory=dict)
     # The editor and its options, NAME[:KEY=VALUE,...], such as feeg:start=0.4; none edits nothing. By default the
-    # adapter's first.
+    # adapter's own: feeg for an expert flow, ifae for an align flow.
     method: str | None = None
     # Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter.
     gate: bool = False

@@ -70,7 +70,7 @@ class Corrector:
 
     Raises:
         ValueError: If the adapter does not fit the agent, the method or the score is not one of its own, or it is not
-            calibrated where the gate, or the editor, needs it.
+            calibrated, or has no agent flow, where the gate, or the editor, needs it.
     """
 
     def __init__(self, config: GlovesConfig):
@@ -190,13 +190,19 @@ class Corrector:
 
 
 def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
-    """The editor and the score that a wrapper names, by default the adapter's first ones; None for none.
+    """The editor and the score that a wrapper names, by default the adapter's own; None for none.
 
     Raises:
-        ValueError: If the adapter lacks one of them, or has no score where the gate needs one.
+        ValueError: If the adapter lacks one of them, has no agent flow where the editor needs one, or no score where
+            the gate does.
     """
-    method = config.method or next(iter(adapter.editors), "none")
+    method = config.method or adapter.default_editor
     editor = None if method == "none" else parse(method, {**adapter.editors, "none": object}, "method")
+    if getattr(editor, "needs_agent", False) and not getattr(adapter, "has_agent", False):
+        raise ValueError(
+            f"{method.partition(':')[0]} needs the agent's flow besides the expert's: take a gloves_align_flow as "
+            """adapter, or name one by --policy.adapter_overrides='["--agent_flow=<checkpoint>"]'"""
+        )
     if not adapter.scores and (config.gate or config.score is not None):
         raise ValueError(
             f"{config.adapter} scores no proposals, so it has no gate: leave out --policy.gate and --policy.score"

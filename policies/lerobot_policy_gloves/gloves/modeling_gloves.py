@@ -5,7 +5,7 @@ import shutil
 import weakref
 from collections import deque
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lerobot.configs import PreTrainedConfig
@@ -14,6 +14,7 @@ from torch import Tensor
 
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.generators import Episodes, spawn
+from lerobot_gloves.perturbations import Perturbation
 
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
@@ -33,6 +34,8 @@ class GlovesPolicy(PreTrainedPolicy):
     most its own chunk size, and corrects them under the observation of that moment. Actions in and out are raw.
 
     Attributes:
+        perturbation: What makes the agent imperfect, None for nothing. Its draws are the wrapper's, so it is a copy of
+            the configuration's.
         correction: What the last `select_action` did to the proposals that became due, a `Correction`; None if none
             became due, or there is no adapter.
         running: Which environments' episodes still run, bool (B,), set before `select_action` by a caller who knows:
@@ -54,6 +57,7 @@ class GlovesPolicy(PreTrainedPolicy):
         # The adapter's weights are drawn before they are loaded, but the agent's noise shall be as without an adapter.
         with torch.random.fork_rng(devices=[]):
             self._corrector = Corrector(config) if config.adapter else None
+        self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
         self._journal = Journal(config.log)
         self._episodes = Episodes()
         weakref.finalize(self, self._journal.report)  # at the latest when the program ends
@@ -128,15 +132,15 @@ class GlovesPolicy(PreTrainedPolicy):
             return
         first, seed = self._episodes.first, self.config.seed
         self._generators = spawn(seed, batch_size, first_episode=first, stream="editor")
-        if self.config.perturbation is not None:
-            self.config.perturbation.reset(batch_size, seed, first_episode=first)
+        if self.perturbation is not None:
+            self.perturbation.reset(batch_size, seed, first_episode=first)
 
     def _propose(self, proposal: Tensor) -> None:
         """Take a normalised proposal (B, n, A) of the agent; what was left of the last one is void."""
         # Action by action, as without a wrapper: some policies' processors take nothing but (B, A).
         raw = torch.stack([self._agent.postprocess(action) for action in proposal.clone().unbind(dim=1)], dim=1)
-        if self.config.perturbation is not None:
-            raw = self.config.perturbation(raw)
+        if self.perturbation is not None:
+            raw = self.perturbation(raw)
         self._check_finite(raw, "the agent proposed")
         self._action_queue.clear()
         self._proposals = deque(raw.unbind(dim=1))

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 
 from lerobot.configs import PreTrainedConfig
 
+from gloves_flow.configuration_flow import FlowConfig
 from lerobot_gloves.recording.sources import SOURCES, source_of
-
-from ..flow.configuration_flow import FlowConfig
 
 LABEL = "source"
 """Key of the label in a batch: one-hot, (B, number of sources)."""

@@ -7,13 +7,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from lerobot_gloves.editors import FEEG, FPAS, IFAE
+from gloves_flow.bound_flow import BoundFlow
+from gloves_flow.modeling_flow import FlowPolicy
+from lerobot_gloves.editors import EDITORS
 from lerobot_gloves.networks import BoundVelocity
 from lerobot_gloves.recording.sources import SOURCES, source_of
 from lerobot_gloves.scores import SCORES
 
-from ..flow.bound_flow import BoundFlow
-from ..flow.modeling_flow import FlowPolicy
 from .configuration_gloves_align_flow import LABEL, GlovesAlignFlowConfig
 
 if TYPE_CHECKING:
@@ -34,8 +34,10 @@ class GlovesAlignFlowPolicy(FlowPolicy):
 
     config_class = GlovesAlignFlowConfig
     name = "gloves_align_flow"
-    editors: Mapping[str, type] = {"ifae": IFAE, "feeg": FEEG, "fpas": FPAS}
+    editors: Mapping[str, type] = EDITORS
+    default_editor = "ifae"
     scores: Mapping[str, type] = SCORES
+    has_agent = True
 
     def __init__(
         self, config: GlovesAlignFlowConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object

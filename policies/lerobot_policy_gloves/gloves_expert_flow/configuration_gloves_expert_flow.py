@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from lerobot.configs import PreTrainedConfig
 
-from ..flow.configuration_flow import FlowConfig
+from gloves_flow.configuration_flow import FlowConfig
 
 
 @PreTrainedConfig.register_subclass("gloves_expert_flow")

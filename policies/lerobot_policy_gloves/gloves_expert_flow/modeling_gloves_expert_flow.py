@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from lerobot_gloves.editors import FEEG, FPAS, IFAE
+from gloves_flow.bound_flow import BoundFlow
+from gloves_flow.modeling_flow import FlowPolicy
+from lerobot_gloves.editors import EDITORS
 from lerobot_gloves.scores import SCORES
 
-from ..flow.bound_flow import BoundFlow
-from ..flow.modeling_flow import FlowPolicy
 from .agent_flow import load_agent_flow
 from .configuration_gloves_expert_flow import GlovesExpertFlowConfig
 
@@ -23,7 +23,8 @@ class GlovesExpertFlowPolicy(FlowPolicy):
 
     config_class = GlovesExpertFlowConfig
     name = "gloves_expert_flow"
-    editors: Mapping[str, type] = {"feeg": FEEG, "fpas": FPAS, "ifae": IFAE}
+    editors: Mapping[str, type] = EDITORS
+    default_editor = "feeg"
     scores: Mapping[str, type] = SCORES
 
     def __init__(self, config: GlovesExpertFlowConfig, **kwargs: object):
@@ -31,6 +32,11 @@ class GlovesExpertFlowPolicy(FlowPolicy):
         # Of a function, so that the other checkpoint's weights are not saved, hashed or calibrated as these ones.
         wanted = config.agent_flow is not None and config.pretrained_path is not None
         self._agent_velocity = load_agent_flow(config) if wanted else None
+
+    @property
+    def has_agent(self) -> bool:
+        """See `lerobot_gloves.adapter.Adapter`."""
+        return self._agent_velocity is not None
 
     @torch.no_grad()
     def bind(self, observation: Mapping[str, Tensor]) -> BoundFlow:

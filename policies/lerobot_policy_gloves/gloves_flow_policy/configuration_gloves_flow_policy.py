@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from lerobot.configs import PreTrainedConfig
 
-from ..flow.configuration_flow import FlowConfig
+from gloves_flow.configuration_flow import FlowConfig
 
 
 @PreTrainedConfig.register_subclass("gloves_flow_policy")

@@ -1,6 +1,7 @@
 """The goal-conditioned imitation agent (paper, appendix "Imitation Learning Policy with wrapper")."""
 
-from ..flow.modeling_flow import FlowPolicy
+from gloves_flow.modeling_flow import FlowPolicy
+
 from .configuration_gloves_flow_policy import GlovesFlowConfig
 
 

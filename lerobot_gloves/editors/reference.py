@@ -1,0 +1,29 @@
+"""What an editor may use of the outside: every editor is called alike, `editor(proposal, reference)`."""
+
+from dataclasses import dataclass
+
+from lerobot_gloves.generators import Generators
+from lerobot_gloves.scores import Score
+
+
+@dataclass(frozen=True)
+class Reference[Model]:
+    """What proposals (B, T, A) are edited against. An editor takes of it what it needs.
+
+    Attributes:
+        expert: The expert flow v_e, a `VelocityField` bound to the B contexts; for the editor of another kind of model,
+            that model.
+        agent: The agent flow v_u, bound to the same contexts; None where there is none, or the editor's class does not
+            say `needs_agent = True`.
+        score: Nonconformity score, `score(velocity, chunk, length=length) -> (N,)`.
+        threshold: tau, the largest value of `score` that the gate admits.
+        length: How many leading actions count, the rest being padding; None: all do.
+        generator: Source of whatever is drawn; a sequence holds one for each of the B rows.
+    """
+
+    expert: Model
+    agent: Model | None = None
+    score: Score | None = None
+    threshold: float | None = None
+    length: int | None = None
+    generator: Generators = None
