@@ -21,7 +21,7 @@ def check_observation_type(task: str, obs_type: str) -> None:
         raise ValueError(f"{task} has no obs_type {obs_type!r}: choose one of {', '.join(OBSERVATION_TYPES)}")
 
 
-class Task(gym.Env, ABC):
+class TaskEnvironment(gym.Env, ABC):
     """Steps of a twentieth of a second until the episode succeeds, fails or runs out of time.
 
     A task says what an action does (`_advance`), what is observed, and how an episode begins (`reset`, which sets

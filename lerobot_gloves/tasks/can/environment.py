@@ -6,7 +6,7 @@ import numpy as np
 
 from lerobot_gloves.tasks.can import scene
 from lerobot_gloves.tasks.can.control import OperationalSpaceControl
-from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
+from lerobot_gloves.tasks.environment import CONTROL_HZ, TaskEnvironment
 from lerobot_gloves.tasks.panda import HOME, import_mujoco
 
 SETTLED_SPEED = 0.02
@@ -15,7 +15,7 @@ SETTLED_STEPS = 5
 """... and that no part of the hand touches, for so many control steps on end, rests."""
 
 
-class Can(Task):
+class Can(TaskEnvironment):
     """Pick up the can and place it in the requested quadrant of the destination bin.
 
     The scene, the control at 20 Hz and the draws at the start are those of robosuite's PickPlaceCan. Episode s is for

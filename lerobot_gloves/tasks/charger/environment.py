@@ -6,7 +6,7 @@ import numpy as np
 
 from lerobot_gloves.tasks.charger import drawing
 from lerobot_gloves.tasks.charger.scene import Scene, gripping, is_plugged_in, offset, pose_vector
-from lerobot_gloves.tasks.environment import Task
+from lerobot_gloves.tasks.environment import TaskEnvironment
 
 CAMERAS = ("wrist",)
 TASK = "Plug the charger into the receptacle."
@@ -22,7 +22,7 @@ def check_hidden(obs_type: str, hide_receptacle: bool) -> None:
         raise ValueError(f"Charger hides the receptacle with obs_type state only, not {obs_type}: pictures show it")
 
 
-class Charger(Task):
+class Charger(TaskEnvironment):
     """Pick up the charger and plug it into the receptacle, with half a millimetre to spare on either side.
 
     The scene, its draws, the control at 20 Hz and the test of success are those of ManiSkill's PlugCharger-v1.

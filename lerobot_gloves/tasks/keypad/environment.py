@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
+from lerobot_gloves.tasks.environment import CONTROL_HZ, TaskEnvironment
 from lerobot_gloves.tasks.keypad import scene
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
 
@@ -15,7 +15,7 @@ FROM_HOME = 0.1
 """Share of the press episodes that begin at home, with no button pressed before."""
 
 
-class Keypad(Task):
+class Keypad(TaskEnvironment):
     """Enter a code of three buttons with a stylus, or press one button.
 
     An action (3,) moves the set-point of the stylus's tip by (dx, dy, dz) metres; it is clipped to +-`MAX_DELTA` an

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
+from lerobot_gloves.tasks.environment import CONTROL_HZ, TaskEnvironment
 from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
 from lerobot_gloves.tasks.slalom import scene
 
@@ -12,7 +12,7 @@ MAX_DELTA = 0.01
 """Largest set-point displacement of one action, in metres an axis."""
 
 
-class Slalom(Task):
+class Slalom(TaskEnvironment):
     """Steer a rod through the requested gap of each of three rows of pillars.
 
     An action (2,) moves the set-point of the rod's tip by (dx, dy) metres; it is clipped to +-`MAX_DELTA` an axis,
