@@ -56,7 +56,7 @@ class JostledExpert(ABC):
         """
         self._begin(mode)
         self._haste = 0.0
-        self._drift = np.zeros(self.jostled)
+        self._drift: np.ndarray = np.zeros(self.jostled)
         self._jitter = self._rng.choice([0.0, 1.0]) * self._rng.uniform(*self.jitter_range)
 
     @abstractmethod

@@ -52,7 +52,8 @@ def test_in_the_long_run_they_spread_as_an_autoregressive_process_does():
     smooth = next(expert for expert in map(begun, range(20)) if expert._jitter == 0)
     drift = pushes(smooth, 40_000)[200:]
     assert drift.mean(axis=0) == pytest.approx([0, 0], abs=0.06)
-    assert drift.std(axis=0) == pytest.approx(0.1 / np.sqrt(1 - (29 / 30) ** 2), rel=0.07)  # nearly four standard errors
+    # Tolerances are nearly four standard errors.
+    assert drift.std(axis=0) == pytest.approx(0.1 / np.sqrt(1 - (29 / 30) ** 2), rel=0.07)
     assert np.corrcoef(drift[:-1, 0], drift[1:, 0])[0, 1] == pytest.approx(29 / 30, abs=0.006)
     assert abs(np.corrcoef(drift.T)[0, 1]) < 0.12  # each entry has its own
     haste = np.log([smooth.act({})[0] for _ in range(40_000)])[200:]

@@ -1,5 +1,6 @@
 """Charger Plug as a Gymnasium environment."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ class Charger(TaskEnvironment):
 
     The scene, its draws, the control at 20 Hz and the test of success are those of ManiSkill's PlugCharger-v1.
     `reset(seed=s)` gives what ManiSkill gives for seed s; nothing else is random, and what was played before does not
-    matter.
+    matter. `reset` knows no options.
 
     An action (8,) in [-1, 1] moves each of the 7 joints from where it is by its entry times 0.1 rad; the last entry is
     the opening of the fingers, 1 for wide open, -1 for pressed together.
@@ -89,29 +90,15 @@ class Charger(TaskEnvironment):
         check_hidden(obs_type, hide_receptacle)
         self._hide_receptacle = hide_receptacle
         self._scene = Scene()
-        self._begin(0)
+        self._begin(0, {})
 
     @property
     def task_description(self) -> str:
         """The instruction, the same in every episode."""
         return TASK
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode.
-
-        Args:
-            seed: Chooses where arm, charger and receptacle are; None draws them.
-            options: Ignored.
-        """
-        super().reset(seed=seed)
-        self._begin(int(self.np_random.integers(2**31)) if seed is None else seed)
-        return self._observation(), {"is_success": False, "failure": ""}
-
-    def _begin(self, seed: int) -> None:
-        self._steps = 0
-        self._scene.reset(seed)
+    def _begin(self, seed: int | None, options: Mapping[str, Any]) -> None:
+        self._scene.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         self._receptacle = pose_vector(self._scene.receptacle, 3)
 
     def _advance(self, action: np.ndarray) -> tuple[bool, str]:
