@@ -16,14 +16,14 @@ from lerobot.envs import EnvConfig
 
 import lerobot_gloves.tasks
 from lerobot_gloves.recording.demonstrations import check_recordable
-from lerobot_gloves.tasks.configuration import TaskEnv
+from lerobot_gloves.tasks.configuration import TaskConfig
 
 IMAGE_SIZES = (96, 256)
 SECONDS = 5.0
 """Of simulation for each row."""
 
 
-def measure(config: TaskEnv) -> tuple[float, float, float, float]:
+def measure(config: TaskConfig) -> tuple[float, float, float, float]:
     """Seconds until the first observation, CPU seconds of a later reset; control steps a CPU second and a second."""
     task = check_recordable(config)
     begin = time.perf_counter()
@@ -61,7 +61,7 @@ def main() -> None:
     )
     print("|---|---|---|---|---|---|")
     for name in arguments.tasks:
-        config = cast(TaskEnv, EnvConfig.get_choice_class(f"gloves_{name}")())
+        config = cast(TaskConfig, EnvConfig.get_choice_class(f"gloves_{name}")())
         pictures = "pixels" if len(config.cameras) == 1 else f"pixels, {len(config.cameras)} cameras"
         rows = {"state": config}
         for size in IMAGE_SIZES:

@@ -20,7 +20,7 @@ _KEYS = {"agent_pos": OBS_STATE, "environment_state": OBS_ENV_STATE, "goal": OBS
 
 
 @dataclass
-class TaskEnv(EnvConfig):
+class TaskConfig(EnvConfig):
     """Options of every task; those of its own come with its subclass.
 
     A subclass gives `task` and `episode_length`, the control steps until a timeout, their values, and names the class

@@ -1,7 +1,7 @@
 """What the tasks' Gymnasium environments have in common."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -21,11 +21,10 @@ def check_observation_type(task: str, obs_type: str) -> None:
         raise ValueError(f"{task} has no obs_type {obs_type!r}: choose one of {', '.join(OBSERVATION_TYPES)}")
 
 
-class Task(gym.Env, ABC):
+class TaskEnvironment(gym.Env, ABC):
     """Steps of a twentieth of a second until the episode succeeds, fails or runs out of time.
 
-    A task says what an action does (`_advance`), what is observed, and how an episode begins (`reset`, which sets
-    `_steps` to 0).
+    A task says how an episode begins (`_begin`), what an action does (`_advance`), and what is observed.
 
     Every `info` holds `is_success` and `failure`: "" or why the episode ended without success. The reward is 1 at
     success, else 0.
@@ -100,6 +99,23 @@ class Task(gym.Env, ABC):
         """The same, under the other name that LeRobot asks for."""
         return self.task_description
 
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Settles all that is random, as the task says; None draws it.
+            options: As the task says; keys that it does not know are ignored.
+
+        Raises:
+            ValueError: If an option's value is unknown.
+        """
+        super().reset(seed=seed)
+        self._begin(seed, options or {})
+        self._steps = 0
+        return self._observation(), {"is_success": False, "failure": ""}
+
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Simulate one twentieth of a second, or less if the episode ends before.
 
@@ -123,6 +139,10 @@ class Task(gym.Env, ABC):
     def render(self) -> np.ndarray:
         """The frame (image_size, image_size, 3) of `viewpoint`, uint8 RGB."""
         return self._draw(self.viewpoint)
+
+    @abstractmethod
+    def _begin(self, seed: int | None, options: Mapping[str, Any]) -> None:
+        """Put everything where it is at the beginning of an episode."""
 
     @abstractmethod
     def _advance(self, action: np.ndarray) -> tuple[bool, str]:

@@ -11,7 +11,7 @@ import pytest
 from lerobot.envs import EnvConfig
 
 import lerobot_gloves.tasks  # noqa: F401
-from lerobot_gloves.tasks.configuration import TaskEnv
+from lerobot_gloves.tasks.configuration import TaskConfig
 from lerobot_gloves.tasks.panda import SimulatorError
 
 TASKS = {
@@ -23,7 +23,7 @@ TASKS = {
 """How many numbers an action is, and wrong modes with what is said of them."""
 
 
-def config(name: str) -> TaskEnv:
+def config(name: str) -> TaskConfig:
     return EnvConfig.get_choice_class(name)()
 
 

@@ -7,7 +7,7 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from lerobot_gloves.tasks.can.scene import CAMERAS, MODES, QUADRANTS, parse_mode
-from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
+from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskConfig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @EnvConfig.register_subclass("gloves_can")
 @dataclass
-class CanEnv(TaskEnv):
+class CanEnv(TaskConfig):
     """CAN's options; `environment.Can` says what they mean.
 
     Raises:

@@ -1,13 +1,11 @@
 """CAN as a Gymnasium environment."""
 
-from typing import Any
-
 import numpy as np
 
 from lerobot_gloves.tasks.can import scene
 from lerobot_gloves.tasks.can.control import OperationalSpaceControl
-from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
-from lerobot_gloves.tasks.panda import HOME, import_mujoco
+from lerobot_gloves.tasks.mujoco_environment import MujocoEnvironment
+from lerobot_gloves.tasks.panda import HOME
 
 SETTLED_SPEED = 0.02
 """A can whose centre moves slower than this, in m/s, ..."""
@@ -15,12 +13,12 @@ SETTLED_STEPS = 5
 """... and that no part of the hand touches, for so many control steps on end, rests."""
 
 
-class Can(Task):
+class Can(MujocoEnvironment):
     """Pick up the can and place it in the requested quadrant of the destination bin.
 
     The scene, the control at 20 Hz and the draws at the start are those of robosuite's PickPlaceCan. Episode s is for
     quadrant s mod 4 when it is reset with seed s; the arm's joint angles and the can's pose at the start come from the
-    same seed. Nothing else is random.
+    same seed. Nothing else is random, and without a seed all of it is drawn.
 
     An action (7,) in [-1, 1] moves the hand by (x, y, z) times 0.05 metres and turns it by the rotation vector
     (3,) times 0.5 rad, in the world frame, from where it is; the last entry opens the fingers where it is negative
@@ -54,6 +52,7 @@ class Can(Task):
 
     action_bound = 1.0
     action_form = "seven finite numbers"
+    period = len(scene.MODES)
 
     def __init__(
         self,
@@ -66,6 +65,9 @@ class Can(Task):
         render_mode: str = "rgb_array",
     ) -> None:
         super().__init__(
+            extra="can",
+            make_model=scene.model,
+            mode=mode,
             state=8,
             goal=len(scene.QUADRANTS),
             scene=9,
@@ -77,50 +79,25 @@ class Can(Task):
             privileged=privileged,
             render_mode=render_mode,
         )
-        if mode is not None:
-            scene.parse_mode(mode)
-        self._fixed_mode = mode
-        self._mujoco = import_mujoco("can")
-        self._model = scene.model()
-        self._data = self._mujoco.MjData(self._model)
         self._control = OperationalSpaceControl(self._model, self._data)
-        self._substeps = round(1 / CONTROL_HZ / self._model.opt.timestep)
         self._grip = self._model.site(scene.GRIP_SITE).id
         self._can = self._model.body(scene.CAN_BODY).id
         roots = self._model.body_rootid[self._model.geom_bodyid]  # one for the robot, one for the can
         self._is_robot = roots == self._model.body_rootid[self._model.body(scene.HAND_BODY).id]
         self._is_can = roots == self._can
-        self._begin(0 if mode is None else scene.parse_mode(mode))
+        self._begin_mode(self._mode_of(0) if mode is None else mode)
 
     @property
     def task_description(self) -> str:
         """The instruction."""
         return scene.MODES[self._quadrant]
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode.
+    def _mode_of(self, number: int) -> str:
+        return scene.MODES[number]
 
-        Args:
-            seed: Chooses quadrant `seed % 4` and where arm and can are; None draws them.
-            options: `{"mode": "top left"}` fixes the quadrant; other keys are ignored.
-
-        Raises:
-            ValueError: If the mode is unknown.
-        """
-        super().reset(seed=seed)
-        mode = (options or {}).get("mode") or self._fixed_mode
-        if mode is not None:
-            quadrant = scene.parse_mode(mode)
-        else:
-            quadrant = int(self.np_random.integers(4)) if seed is None else seed % 4
-        self._begin(quadrant)
-        return self._observation(), {"is_success": False, "failure": ""}
-
-    def _begin(self, quadrant: int) -> None:
-        self._quadrant = quadrant
-        self._steps = self._settled = 0
+    def _begin_mode(self, mode: str) -> None:
+        self._quadrant = scene.parse_mode(mode)
+        self._settled = 0
         mujoco, model, data, rng = self._mujoco, self._model, self._data, self.np_random
         mujoco.mj_resetData(model, data)
         data.qpos[scene.ARM] = HOME + scene.INITIAL_NOISE * rng.standard_normal(7)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_gloves.tasks.can.scene import RESTING_HEIGHT, parse_mode, quadrant_centre, quadrant_of
+from lerobot_gloves.tasks.jostling import JostledExpert
 
 PLACEMENT_NOISE = 0.05
 """Standard deviation of the place around the quadrant's centre, metres an axis."""
@@ -24,9 +25,11 @@ GAIN = 20.0
 """Action a metre of distance."""
 TURN_GAIN = 0.4
 """Action a rad of orientation error."""
+JOSTLING = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+"""Share of the jostling that reaches the hand's position and orientation."""
 
 
-class CanExpert:
+class CanExpert(JostledExpert):
     """Opens the hand above the can, lowers it, grips, lifts, carries, lowers, lets go and leaves.
 
     What comes next is decided anew in every step from what is observed: a can that slips or is pushed away is picked
@@ -35,26 +38,19 @@ class CanExpert:
     the speed and how it drifts; and in three episodes of ten the expert first carries the can towards a quadrant drawn
     at random and then changes its mind, so that the data show the way to any quadrant from anywhere above the bin.
 
-    While it demonstrates, the robot is jostled: hand and orientation drift, slowly now one way and now another, and
-    in half of the episodes they jitter. What is recorded is what the expert wanted to do (as in DART, Laskey et
-    al. 2017). The fingers are left alone.
+    Position and orientation of the hand are jostled; the fingers are left alone.
 
     Args:
         rng: Source of all draws.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    action_bound = 1.0
+    jostled = 6
+    haste_noise = 0.02
+    drift_noise = 0.02
+    jitter_range = (0.05, 0.2)
 
-    def reset(self, mode: str) -> None:
-        """Begin an episode.
-
-        Args:
-            mode: The instruction, or a quadrant's name such as "top left".
-
-        Raises:
-            ValueError: If there is no such quadrant.
-        """
+    def _begin(self, mode: str) -> None:
         rng = self._rng
         self._quadrant = parse_mode(mode)
         centre = self._place = quadrant_centre(self._quadrant)
@@ -73,9 +69,6 @@ class CanExpert:
         if rng.random() < 0.3:
             self._via = ENTRANCE + rng.uniform(0.2, 0.8) * (quadrant_centre(int(rng.integers(4))) - ENTRANCE)
         self._speed = rng.uniform(0.65, 0.85)
-        self._haste = 0.0  # logarithm of the speed's drift
-        self._drift = np.zeros(6)  # what carries the robot off
-        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.05, 0.2)
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         """The next action.
@@ -89,7 +82,6 @@ class CanExpert:
         state = np.asarray(observation["agent_pos"], dtype=np.float64)
         can = np.asarray(observation["environment_state"][:3], dtype=np.float64)
         grip, fingers = state[:3], state[7]
-        self._haste += -self._haste / 25 + 0.02 * self._rng.standard_normal()
 
         aside = float(np.linalg.norm(can[:2] - grip[:2]))
         above = grip[2] - can[2]
@@ -109,10 +101,10 @@ class CanExpert:
         else:
             closing, target = -1.0, self._above(can, grip)
         move = GAIN * (target - grip)
-        speed = self._speed * np.exp(self._haste)
+        speed = self._speed * self._hurry()
         for part in (move[:2], move[2:]):
             part *= min(1.0, speed / max(float(np.linalg.norm(part)), 1e-9))
-        return np.clip([*move, *self._upright(state[3:7]), closing], -1.0, 1.0).astype(np.float32)
+        return self._clipped(np.array([*move, *self._upright(state[3:7]), closing]))
 
     def _above(self, can: np.ndarray, grip: np.ndarray) -> np.ndarray:
         """Where to go (3,) in order to get around the can: over it first, then down."""
@@ -153,12 +145,10 @@ class CanExpert:
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """What reaches the robot in place of the expert's action (7,) while it is jostled, (7,) float32."""
-        rng = self._rng
-        self._drift += -self._drift / 30 + 0.02 * rng.standard_normal(6)
-        scale = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+        jitter, drift = self._push()
         disturbed = action.copy()
-        disturbed[:6] += scale * (self._jitter * rng.standard_normal(6) + self._drift)
-        return np.clip(disturbed, -1.0, 1.0).astype(np.float32)
+        disturbed[:6] += JOSTLING * (jitter + drift)
+        return self._clipped(disturbed)
 
 
 def _turn(vector: np.ndarray, bow: float) -> np.ndarray:

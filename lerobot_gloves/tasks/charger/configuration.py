@@ -7,7 +7,7 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from lerobot_gloves.tasks.charger.environment import CAMERAS, TASK, check_hidden
-from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
+from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskConfig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -26,7 +26,7 @@ GOAL = [*RECEPTACLE, *(f"goal_{name}" for name in POSE)]
 
 @EnvConfig.register_subclass("gloves_charger")
 @dataclass
-class ChargerEnv(TaskEnv):
+class ChargerEnv(TaskConfig):
     """Charger Plug's options; `environment.Charger` says what they mean.
 
     Raises:

@@ -1,12 +1,13 @@
 """Charger Plug as a Gymnasium environment."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from lerobot_gloves.tasks.charger import drawing
 from lerobot_gloves.tasks.charger.scene import Scene, gripping, is_plugged_in, offset, pose_vector
-from lerobot_gloves.tasks.environment import Task
+from lerobot_gloves.tasks.environment import TaskEnvironment
 
 CAMERAS = ("wrist",)
 TASK = "Plug the charger into the receptacle."
@@ -22,12 +23,12 @@ def check_hidden(obs_type: str, hide_receptacle: bool) -> None:
         raise ValueError(f"Charger hides the receptacle with obs_type state only, not {obs_type}: pictures show it")
 
 
-class Charger(Task):
+class Charger(TaskEnvironment):
     """Pick up the charger and plug it into the receptacle, with half a millimetre to spare on either side.
 
     The scene, its draws, the control at 20 Hz and the test of success are those of ManiSkill's PlugCharger-v1.
     `reset(seed=s)` gives what ManiSkill gives for seed s; nothing else is random, and what was played before does not
-    matter.
+    matter. `reset` knows no options.
 
     An action (8,) in [-1, 1] moves each of the 7 joints from where it is by its entry times 0.1 rad; the last entry is
     the opening of the fingers, 1 for wide open, -1 for pressed together.
@@ -89,29 +90,15 @@ class Charger(Task):
         check_hidden(obs_type, hide_receptacle)
         self._hide_receptacle = hide_receptacle
         self._scene = Scene()
-        self._begin(0)
+        self._begin(0, {})
 
     @property
     def task_description(self) -> str:
         """The instruction, the same in every episode."""
         return TASK
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode.
-
-        Args:
-            seed: Chooses where arm, charger and receptacle are; None draws them.
-            options: Ignored.
-        """
-        super().reset(seed=seed)
-        self._begin(int(self.np_random.integers(2**31)) if seed is None else seed)
-        return self._observation(), {"is_success": False, "failure": ""}
-
-    def _begin(self, seed: int) -> None:
-        self._steps = 0
-        self._scene.reset(seed)
+    def _begin(self, seed: int | None, options: Mapping[str, Any]) -> None:
+        self._scene.reset(int(self.np_random.integers(2**31)) if seed is None else seed)
         self._receptacle = pose_vector(self._scene.receptacle, 3)
 
     def _advance(self, action: np.ndarray) -> tuple[bool, str]:

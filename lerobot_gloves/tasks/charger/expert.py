@@ -7,6 +7,7 @@ import numpy as np
 
 from lerobot_gloves.tasks.charger.kinematics import joint_step
 from lerobot_gloves.tasks.charger.scene import BODY_SIZE, MAX_DELTA, PEG_LENGTH, turn_of
+from lerobot_gloves.tasks.jostling import JostledExpert
 
 if TYPE_CHECKING:
     import sapien
@@ -37,7 +38,7 @@ TURN = 8.0
 """By how much farther ahead it is in orientation, rad a metre."""
 
 
-class ChargerExpert:
+class ChargerExpert(JostledExpert):
     """Opens the hand above the charger, lowers it, grips, carries, aligns the pegs with the holes and pushes them in.
 
     What comes next is decided anew in every step from what is observed, and no step is counted: a charger that is lost
@@ -45,25 +46,22 @@ class ChargerExpert:
     episodes: where and how steeply the charger is gripped, from which height, the bow of the way to the receptacle, the
     speed and how it drifts.
 
-    While it demonstrates, the robot is jostled: the joints drift, slowly now one way and now another, and in half of
-    the episodes they jitter, the less the closer the charger is to the receptacle. Besides it is bumped: for a few
-    steps something pushes the joints one way, so that the charger comes to the receptacle beside the holes now and
-    then, and a policy can learn what to do there; with the pegs in the holes there are no bumps. The empty fingers slip
-    shut now and then. What is recorded is what the expert wanted to do (as in DART, Laskey et al. 2017).
+    The joints are jostled, the less the closer the charger is to the receptacle. Besides they are bumped: for a few
+    steps something pushes them one way, so that the charger comes to the receptacle beside the holes now and then, and
+    a policy can learn what to do there; with the pegs in the holes there are no bumps. The empty fingers slip shut now
+    and then.
 
     Args:
         rng: Source of all draws.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    action_bound = 1.0
+    jostled = 7
+    haste_noise = 0.02
+    drift_noise = 0.01
+    jitter_range = (0.01, 0.04)
 
-    def reset(self, mode: str) -> None:
-        """Begin an episode.
-
-        Args:
-            mode: The instruction; there is only one.
-        """
+    def _begin(self, mode: str) -> None:
         rng = self._rng
         pitch = rng.uniform(0.18, 0.34)  # leans the hand away from the receptacle
         along, up = rng.uniform(-0.004, 0.003), rng.uniform(-0.001, 0.003)
@@ -73,9 +71,6 @@ class ChargerExpert:
         # By which share of the distance the way to the receptacle sets out sideways (y) and upward (z).
         self._bow = np.array([0.0, rng.normal(0.0, 0.2), rng.uniform(0.0, 0.3)])
         self._speed = rng.uniform(0.024, 0.032)  # how far ahead of the tool its target is: it gets a third of it a step
-        self._haste = 0.0  # logarithm of the speed's drift
-        self._drift = np.zeros(7)  # what carries the joints off
-        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.01, 0.04)
         self._bump: np.ndarray | None = None  # what pushes the joints away at this moment
         self._care = 1.0  # share of the jostling that reaches the robot
         self._bump_begins, self._slip_begins = BUMP_BEGINS, SLIP_BEGINS  # how likely that is at this moment
@@ -94,7 +89,6 @@ class ChargerExpert:
         state = np.asarray(observation["agent_pos"], dtype=np.float64)
         tool, goal = _read(state[18:25]), _read(observation["goal"][7:14])
         charger = _read(observation["environment_state"][:7])
-        self._haste += -self._haste / 25 + 0.02 * self._rng.standard_normal()
         self._care, self._bump_begins, self._slip_begins = 1.0, BUMP_BEGINS, SLIP_BEGINS
 
         fingers, speed, gain = state[7] + state[8], self._speed, 1.0
@@ -109,7 +103,7 @@ class ChargerExpert:
             opening, target = -1.0, charger * self._grip
         else:
             opening, target = 1.0, self._above(tool, charger, goal)
-        way, haste = tool.inv() * target, np.exp(self._haste)
+        way, haste = tool.inv() * target, self._hurry()
         move = _shortened(gain * way.p, speed * haste)
         rotation = _shortened(gain * turn_of(way.q), TURN * self._speed * haste)
         joints = joint_step(state[:9], np.concatenate([move, rotation])) / MAX_DELTA
@@ -155,15 +149,15 @@ class ChargerExpert:
                 self._bump = np.exp(rng.uniform(*np.log(BUMP))) * rng.standard_normal(7)
         elif rng.random() < BUMP_ENDS:
             self._bump = None
-        self._drift += -self._drift / 30 + 0.01 * rng.standard_normal(7)
+        jitter, drift = self._push()
         disturbed = action.copy()
-        disturbed[:7] += self._care * (self._jitter * rng.standard_normal(7) + self._drift)
+        disturbed[:7] += self._care * (jitter + drift)
         if self._bump is not None:
             disturbed[:7] += self._bump
         self._slips = rng.random() < (1 - SLIP_ENDS if self._slips else self._slip_begins)
         if self._slips:
             disturbed[7] = -1.0
-        return np.clip(disturbed, -1.0, 1.0).astype(np.float32)
+        return self._clipped(disturbed)
 
 
 def _pose(position: Any, quaternion: Any = (1.0, 0.0, 0.0, 0.0)) -> "sapien.Pose":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
-from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
+from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskConfig
 from lerobot_gloves.tasks.keypad.scene import CAMERAS, CODES, PRESSES, check_mode
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @EnvConfig.register_subclass("gloves_keypad")
 @dataclass
-class KeypadEnv(TaskEnv):
+class KeypadEnv(TaskConfig):
     """Keypad's options; `environment.Keypad` says what they mean.
 
     Demonstrations are single presses, whatever `episode` says.

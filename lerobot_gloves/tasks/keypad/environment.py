@@ -1,12 +1,10 @@
 """Keypad as a Gymnasium environment."""
 
-from typing import Any
-
 import numpy as np
 
-from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
 from lerobot_gloves.tasks.keypad import scene
-from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
+from lerobot_gloves.tasks.mujoco_environment import MujocoEnvironment
+from lerobot_gloves.tasks.set_point import SetPointControl
 
 MAX_DELTA = 0.01
 """Largest set-point displacement of one action, in metres an axis."""
@@ -15,7 +13,7 @@ FROM_HOME = 0.1
 """Share of the press episodes that begin at home, with no button pressed before."""
 
 
-class Keypad(Task):
+class Keypad(MujocoEnvironment):
     """Enter a code of three buttons with a stylus, or press one button.
 
     An action (3,) moves the set-point of the stylus's tip by (dx, dy, dz) metres; it is clipped to +-`MAX_DELTA` an
@@ -29,7 +27,7 @@ class Keypad(Task):
     With episode "press" it asks for button s % 9 alone, and the episode is a cut-out of a code: in nine cases of ten
     it begins with a random button, maybe the same one, just pressed and lit, the stylus still on it and up to nine
     steps deeper, as an agent that executes its chunk to the end leaves it; in half of these the light of a further
-    random button is on. The others begin like a code. The seed settles all of that.
+    random button is on. The others begin like a code. The seed settles all of that; without one it is drawn.
 
     Observations:
         agent_pos: (9,) tip xyz and set-point xyz, metres; velocity of the tip, metres a second.
@@ -56,6 +54,7 @@ class Keypad(Task):
 
     action_bound = MAX_DELTA
     action_form = "three finite numbers (dx, dy, dz) in metres"
+    period = len(scene.CODES)
 
     def __init__(
         self,
@@ -68,7 +67,11 @@ class Keypad(Task):
         render_mode: str = "rgb_array",
     ) -> None:
         buttons = len(scene.BUTTONS)
+        scene.check_mode(episode, mode)
         super().__init__(
+            extra="keypad",
+            make_model=scene.model,
+            mode=mode,
             state=9,
             goal=buttons,
             scene=2 * buttons,
@@ -79,58 +82,33 @@ class Keypad(Task):
             episode_length=episode_length,
             render_mode=render_mode,
         )
-        scene.check_mode(episode, mode)
-        self._episode, self._fixed_mode = episode, mode
-        self._mujoco = import_mujoco("keypad")
-        self._model = scene.model()
-        self._data = self._mujoco.MjData(self._model)
-        self._inverse_kinematics = InverseKinematics(self._model)
-        self._tip = self._model.site(f"{PREFIX}tip").id
+        self._episode = episode
+        self._control = SetPointControl(self._model, self._data, scene.WORKSPACE)
         # The stylus can touch the buttons and what belongs to the world.
         self._is_frame = (self._model.geom_bodyid == 0) & (self._model.geom_conaffinity == 1)
         self._travels = self._data.qpos[7:]
-        self._substeps = round(1 / CONTROL_HZ / self._model.opt.timestep)
-        self._begin(mode or scene.EPISODES[episode][0], scene.START)
+        self._begin_at(scene.START, mode or self._mode_of(0))
 
     @property
     def task_description(self) -> str:
         """The requested code, such as "4 0 8", or the button to press."""
         return self._mode
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode.
+    def _mode_of(self, number: int) -> str:
+        return scene.code_of(number) if self._episode == "code" else scene.PRESSES[number % len(scene.PRESSES)]
 
-        Args:
-            seed: Settles the code or the button, and how a press episode begins; None draws them.
-            options: `{"mode": "4 0 8"}` fixes the code or the button; other keys are ignored.
-
-        Raises:
-            ValueError: If the mode is unknown.
-        """
-        super().reset(seed=seed)
-        mode = (options or {}).get("mode") or self._fixed_mode
-        if mode is None:
-            number = int(self.np_random.integers(len(scene.CODES))) if seed is None else seed
-            mode = scene.code_of(number) if self._episode == "code" else scene.PRESSES[number % len(scene.PRESSES)]
+    def _begin_mode(self, mode: str) -> None:
         scene.check_mode(self._episode, mode)
         if self._episode == "press" and self.np_random.random() >= FROM_HOME:
             self._begin_pressed(mode)
         else:
-            self._begin(mode, scene.START)
-        return self._observation(), {"is_success": False, "failure": ""}
+            self._begin_at(scene.START, mode)
 
-    def _begin(self, mode: str, position: np.ndarray) -> None:
+    def _begin_at(self, position: np.ndarray, mode: str) -> None:
+        """Begin with the tip at a point (3,) and no button pressed."""
         self._mode = mode
         self._due = [int(button) for button in mode.split()]
-        self._steps = 0
-        self._set_point = position.copy()
-        self._joints = self._inverse_kinematics.solve(position, scene.start_joints(), iterations=20)
-        self._mujoco.mj_resetData(self._model, self._data)
-        self._data.qpos[:7] = self._joints
-        self._data.ctrl[:] = self._joints
-        self._mujoco.mj_forward(self._model, self._data)
+        self._control.reset(position, scene.start_joints(), iterations=20)
         self._armed = np.ones(len(scene.BUTTONS), dtype=bool)
         self._lights = np.zeros(len(scene.BUTTONS), dtype=bool)
 
@@ -141,7 +119,7 @@ class Keypad(Task):
         begin = [*scene.BUTTONS[button] + rng.uniform(-0.009, 0.009, 2), scene.FRAME_TOP]
         move = np.array([*rng.uniform(-0.0003, 0.0003, 2), -rng.uniform(0.002, 0.0045)])
         deeper = int(rng.integers(10))
-        self._begin(mode, np.array(begin))
+        self._begin_at(np.array(begin), mode)
         requested = len(self._due)
         self._due = [button, *self._due]
         while len(self._due) > requested:
@@ -157,9 +135,7 @@ class Keypad(Task):
 
     def _move(self, delta: np.ndarray) -> str:
         """Simulate one control step, or the part of it after which nothing is due or all is lost; returns why it is."""
-        self._set_point = np.clip(self._set_point + delta, *scene.WORKSPACE)
-        self._joints = self._inverse_kinematics.solve(self._set_point, self._joints, iterations=3)
-        self._data.ctrl[:] = self._joints
+        self._control.move(delta)
         for _ in range(self._substeps):
             self._mujoco.mj_step(self._model, self._data)
             if self._data.ncon and self._touches_frame():
@@ -180,9 +156,9 @@ class Keypad(Task):
 
     def _agent_pos(self) -> np.ndarray:
         velocity = np.zeros(6)  # angular, then linear
-        site = self._mujoco.mjtObj.mjOBJ_SITE
-        self._mujoco.mj_objectVelocity(self._model, self._data, site, self._tip, velocity, 0)
-        return np.concatenate([self._data.site_xpos[self._tip], self._set_point, velocity[3:]])
+        site, tip = self._mujoco.mjtObj.mjOBJ_SITE, self._control.tip
+        self._mujoco.mj_objectVelocity(self._model, self._data, site, tip, velocity, 0)
+        return np.concatenate([self._data.site_xpos[tip], self._control.set_point, velocity[3:]])
 
     def _environment_state(self) -> np.ndarray:
         return np.concatenate([self._travels, self._lights])

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_gloves.tasks.jostling import JostledExpert
 from lerobot_gloves.tasks.keypad.environment import MAX_DELTA
 from lerobot_gloves.tasks.keypad.scene import BAR_HALF, BUTTON_TOP, BUTTONS, FRAME_TOP, PITCH, PRESS
 
@@ -18,7 +19,7 @@ NEAR = 0.005
 """Sideways distance at which the expert has arrived above what it aims at, metres."""
 
 
-class KeypadExpert:
+class KeypadExpert(JostledExpert):
     """Rises, travels above the frame, goes down on the button that is due and presses it.
 
     Where to go follows from where the stylus is: below the frame's top and not on the button that is due, up; above
@@ -30,31 +31,23 @@ class KeypadExpert:
     set out for another button and then change its mind, above the frame, so that the data show the way to any button
     from anywhere.
 
-    While it demonstrates, the robot is jostled: it drifts, slowly now one way and now another, and in half of the
-    episodes it jitters. What is recorded is what the expert wanted to do, so that the data show the way back and not
-    the push (as in DART, Laskey et al. 2017). It is jostled gently: an expert answers pushes that a policy, which
-    decides ten actions at once, cannot foresee, so what a policy learns to do blindly is off by about as much as the
-    robot is pushed in ten steps, and above a button the frame is 16 mm away.
+    The set-point is jostled, gently: an expert answers pushes that a policy, which decides ten actions at once, cannot
+    foresee, so what a policy learns to do blindly is off by about as much as the robot is pushed in ten steps, and
+    above a button the frame is 16 mm away.
 
     Args:
         rng: Source of all draws.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    action_bound = MAX_DELTA
+    jostled = 3
+    haste_noise = 0.01
+    drift_noise = 0.00007  # metres a step
+    jitter_range = (0.0002, 0.0008)  # metres a step
 
-    def reset(self, mode: str) -> None:
-        """Begin an episode.
-
-        Args:
-            mode: The code or the button; which button is due, observations tell.
-        """
-        rng = self._rng
-        self._due = -1
+    def _begin(self, mode: str) -> None:
+        self._due = -1  # observations tell which button is due, whatever the mode
         self._rising = False
-        self._haste = 0.0  # logarithm of the speed's drift
-        self._drift = np.zeros(3)  # what carries the robot off, metres a step
-        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.0002, 0.0008)  # metres a step and axis
 
     def _plan(self, due: int, position: np.ndarray) -> None:
         """Draw what is particular to the next press."""
@@ -94,11 +87,9 @@ class KeypadExpert:
         elif tip_height > self._turn or not at_due:
             self._rising = False
 
-        rng = self._rng
-        self._haste += -self._haste / 25 + 0.01 * rng.standard_normal()
         direction = self._direction(position)
-        action = self._speed * np.exp(self._haste) * direction / max(1.0, float(np.linalg.norm(direction)))
-        return np.clip(action, -MAX_DELTA, MAX_DELTA).astype(np.float32)
+        action = self._speed * self._hurry() * direction / max(1.0, float(np.linalg.norm(direction)))
+        return self._clipped(action)
 
     def _direction(self, position: np.ndarray) -> np.ndarray:
         """Where to go (3,), of length 1 or less where something is near."""
@@ -123,10 +114,3 @@ class KeypadExpert:
             if distance < PITCH / 2:  # in a well: away from the frame beside it, the more the nearer
                 direction[:2] -= np.clip((distance - 0.006) / 0.006, 0.0, 1.0) * off_centre / max(distance, NEAR)
         return direction
-
-    def disturb(self, action: np.ndarray) -> np.ndarray:
-        """What reaches the robot in place of the expert's action (3,) while it is jostled, (3,) float32 in metres."""
-        rng = self._rng
-        self._drift += -self._drift / 30 + 0.00007 * rng.standard_normal(3)
-        disturbed = action + self._jitter * rng.standard_normal(3) + self._drift
-        return np.clip(disturbed, -MAX_DELTA, MAX_DELTA).astype(np.float32)

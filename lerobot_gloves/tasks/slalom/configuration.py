@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
-from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskEnv
+from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskConfig
 from lerobot_gloves.tasks.slalom.scene import CAMERA, GAPS, MODES, PILLARS, parse_mode
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @EnvConfig.register_subclass("gloves_slalom")
 @dataclass
-class SlalomEnv(TaskEnv):
+class SlalomEnv(TaskConfig):
     """Slalom's options; `environment.Slalom` says what they mean.
 
     Raises:

@@ -1,23 +1,22 @@
 """Slalom as a Gymnasium environment."""
 
-from typing import Any
-
 import numpy as np
 
-from lerobot_gloves.tasks.environment import CONTROL_HZ, Task
-from lerobot_gloves.tasks.panda import PREFIX, InverseKinematics, import_mujoco
+from lerobot_gloves.tasks.mujoco_environment import MujocoEnvironment
+from lerobot_gloves.tasks.set_point import SetPointControl
 from lerobot_gloves.tasks.slalom import scene
 
 MAX_DELTA = 0.01
 """Largest set-point displacement of one action, in metres an axis."""
 
 
-class Slalom(Task):
+class Slalom(MujocoEnvironment):
     """Steer a rod through the requested gap of each of three rows of pillars.
 
     An action (2,) moves the set-point of the rod's tip by (dx, dy) metres; it is clipped to +-`MAX_DELTA` an axis,
     and the set-point to `scene.WORKSPACE`. Control runs at 20 Hz. Episode s is for corridor `MODES[s % 24]` when it
-    is reset with seed s, so that consecutive seeds visit all corridors equally often; nothing else is random.
+    is reset with seed s, so that consecutive seeds visit all corridors equally often; nothing else is random, and
+    without a seed the corridor is drawn.
 
     Observations:
         agent_pos: (4,) set-point xy and actual tip xy, metres.
@@ -44,6 +43,7 @@ class Slalom(Task):
     action_bound = MAX_DELTA
     action_form = "two finite numbers (dx, dy) in metres"
     viewpoint = scene.CAMERA
+    period = len(scene.MODES)
 
     def __init__(
         self,
@@ -55,6 +55,9 @@ class Slalom(Task):
         render_mode: str = "rgb_array",
     ) -> None:
         super().__init__(
+            extra="slalom",
+            make_model=scene.model,
+            mode=mode,
             state=4,
             goal=sum(scene.GAPS),
             scene=scene.PILLARS.size,
@@ -65,52 +68,22 @@ class Slalom(Task):
             episode_length=episode_length,
             render_mode=render_mode,
         )
-        if mode is not None:
-            scene.parse_mode(mode)
-        self._fixed_mode = mode
-        self._mujoco = import_mujoco("slalom")
-        self._model = scene.model()
-        self._data = self._mujoco.MjData(self._model)
-        self._inverse_kinematics = InverseKinematics(self._model)
-        self._tip = self._model.site(f"{PREFIX}tip").id
-        self._substeps = round(1 / CONTROL_HZ / self._model.opt.timestep)
-        self._begin(mode or scene.MODES[0])
+        height = [scene.TIP_HEIGHT] * 2
+        self._control = SetPointControl(self._model, self._data, np.column_stack([scene.WORKSPACE, height]))
+        self._begin_mode(self._mode_of(0) if mode is None else mode)
 
     @property
     def task_description(self) -> str:
         """The requested corridor, such as "0 2 3"."""
         return self._mode
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode.
+    def _mode_of(self, number: int) -> str:
+        return scene.MODES[number]
 
-        Args:
-            seed: Chooses corridor `MODES[seed % 24]`; None draws one.
-            options: `{"mode": "0 2 3"}` fixes the corridor; other keys are ignored.
-
-        Raises:
-            ValueError: If the mode is unknown.
-        """
-        super().reset(seed=seed)
-        mode = (options or {}).get("mode") or self._fixed_mode
-        if mode is None:
-            index = int(self.np_random.integers(len(scene.MODES))) if seed is None else seed % len(scene.MODES)
-            mode = scene.MODES[index]
-        self._begin(mode)
-        return self._observation(), {"is_success": False, "failure": ""}
-
-    def _begin(self, mode: str) -> None:
+    def _begin_mode(self, mode: str) -> None:
         self._gaps = scene.parse_mode(mode)
         self._mode = mode
-        self._steps = 0
-        self._set_point = scene.START.copy()
-        self._joints = scene.start_joints()
-        self._mujoco.mj_resetData(self._model, self._data)
-        self._data.qpos[:] = self._joints
-        self._data.ctrl[:] = self._joints
-        self._mujoco.mj_forward(self._model, self._data)
+        self._control.reset(np.array([*scene.START, scene.TIP_HEIGHT]), scene.start_joints(), iterations=0)
 
     def _advance(self, action: np.ndarray) -> tuple[bool, str]:
         before = self._tip_xy()
@@ -123,10 +96,7 @@ class Slalom(Task):
 
     def _move(self, delta: np.ndarray) -> bool:
         """Simulate one control step; True if the rod touched a pillar at any moment of it."""
-        self._set_point = np.clip(self._set_point + delta, *scene.WORKSPACE)
-        position = np.array([*self._set_point, scene.TIP_HEIGHT])
-        self._joints = self._inverse_kinematics.solve(position, self._joints, iterations=3)
-        self._data.ctrl[:] = self._joints
+        self._control.move(np.array([*delta, 0.0]))
         touched = False
         for _ in range(self._substeps):
             self._mujoco.mj_step(self._model, self._data)
@@ -134,10 +104,10 @@ class Slalom(Task):
         return touched
 
     def _tip_xy(self) -> np.ndarray:
-        return self._data.site_xpos[self._tip, :2].copy()
+        return self._data.site_xpos[self._control.tip, :2].copy()
 
     def _agent_pos(self) -> np.ndarray:
-        return np.concatenate([self._set_point, self._tip_xy()])
+        return np.concatenate([self._control.set_point[:2], self._tip_xy()])
 
     def _environment_state(self) -> np.ndarray:
         return scene.PILLARS.ravel()

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from lerobot_gloves.tasks.jostling import JostledExpert
 from lerobot_gloves.tasks.slalom.environment import MAX_DELTA
 from lerobot_gloves.tasks.slalom.scene import GAPS, GOAL_Y, START, nearest_pillar, parse_mode
 
@@ -22,33 +23,24 @@ LOOKAHEAD = 10
 """How many points ahead on its path the expert aims."""
 
 
-class SlalomExpert:
+class SlalomExpert(JostledExpert):
     """Moves sideways in the aisle before each row until it faces its gap, passes the gap, and so on.
 
     What differs between episodes: where each aisle and each gap is passed, the speed and how it drifts; and in every
     aisle the expert may first set out for another gap and then change its mind, so that the data show the way to
-    any gap from anywhere in the aisle. Off its path it steers back to it.
-
-    While it demonstrates, the robot is jostled: it drifts, slowly now one way and now another, and in half
-    of the episodes it jitters. What is recorded is what the expert wanted to do, so that the data show the way back
-    and not the push (as in DART, Laskey et al. 2017).
+    any gap from anywhere in the aisle. Off its path it steers back to it. The set-point is jostled.
 
     Args:
         rng: Source of all draws.
     """
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
+    action_bound = MAX_DELTA
+    jostled = 2
+    haste_noise = 0.01
+    drift_noise = 0.0003  # metres a step
+    jitter_range = (0.0005, 0.002)  # metres a step
 
-    def reset(self, mode: str) -> None:
-        """Begin an episode.
-
-        Args:
-            mode: The corridor, such as "0 2 3".
-
-        Raises:
-            ValueError: If there is no such corridor.
-        """
+    def _begin(self, mode: str) -> None:
         rng = self._rng
         x, corners = START[0], [START]
         for row, gap in enumerate(parse_mode(mode)):
@@ -63,9 +55,6 @@ class SlalomExpert:
         self._path = np.concatenate([_points(*leg) for leg in pairwise(corners)])
         self._passed = 0  # points of the path
         self._speed = rng.uniform(0.0065, 0.0072)
-        self._haste = 0.0  # logarithm of the speed's drift
-        self._sideways = np.zeros(2)  # what carries the robot off, metres a step
-        self._jitter = rng.choice([0.0, 1.0]) * rng.uniform(0.0005, 0.002)  # metres a step and axis
 
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         """The next displacement of the set-point.
@@ -83,20 +72,11 @@ class SlalomExpert:
         aim = self._path[min(self._passed + LOOKAHEAD, len(self._path) - 1)] - set_point
         direction = aim / max(float(np.linalg.norm(aim)), SPACING)
 
-        rng = self._rng
-        self._haste += -self._haste / 25 + 0.01 * rng.standard_normal()
-        action = self._speed * np.exp(self._haste) * direction
+        action = self._speed * self._hurry() * direction
         room, away = nearest_pillar(set_point)
         care = np.clip((0.03 - room) / 0.015, 0.0, 1.0)  # within 15 mm of a pillar, only along it or away from it
         action += care * max(0.0, -action @ away) * away
-        return np.clip(action, -MAX_DELTA, MAX_DELTA).astype(np.float32)
-
-    def disturb(self, action: np.ndarray) -> np.ndarray:
-        """What reaches the robot in place of the expert's action (2,) while it is jostled, (2,) float32 in metres."""
-        rng = self._rng
-        self._sideways += -self._sideways / 30 + 0.0003 * rng.standard_normal(2)
-        disturbed = action + self._jitter * rng.standard_normal(2) + self._sideways
-        return np.clip(disturbed, -MAX_DELTA, MAX_DELTA).astype(np.float32)
+        return self._clipped(action)
 
 
 def _points(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
