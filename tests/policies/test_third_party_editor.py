@@ -13,7 +13,7 @@ import torch
 from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs import EnvConfig
 
-from lerobot_gloves.benchmark.cell import Setup, resolve_method
+from lerobot_gloves.benchmark.setup import Setup, resolve_method
 from lerobot_gloves.editors import EDITORS
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.scores import SCORES
@@ -86,7 +86,7 @@ def test_commands_know_it_with_its_options(checkpoints, package, parse_eval):
         agent=str(checkpoints.agent),
         adapter=str(checkpoints.adapter),
     )
-    assert resolve_method(setup, "nearest:steps=2+gate")["method"] == "nearest:samples=16,steps=2+gate"
+    assert resolve_method(setup, "nearest:steps=2", gate=True)["editor"] == "nearest:samples=16,steps=2"
     with pytest.raises(ValueError, match="method 'nearest' has no option 'sample': choose from samples, steps"):
         wrap(checkpoints.agent, adapter=checkpoints.adapter, method="nearest:sample=2")
 

@@ -13,9 +13,10 @@ from torch import Tensor
 from lerobot_gloves.adapter import Adapter, pad
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
+from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.conformal import ConformalGate
-from lerobot_gloves.specification import parse, specification
+from lerobot_gloves.specification import name_of, parse, parse_optional, specification
 
 from .configuration_gloves import GlovesConfig
 
@@ -79,7 +80,7 @@ class Corrector:
         )
         adapter_config.pretrained_path = config.adapter
         adapter_config.pretrained_revision = config.adapter_revision
-        check_features(config, adapter_config)
+        check_fits(config, adapter_config)
         self.loaded = load_policy(adapter_config, config.device)
         self.adapter = self.loaded.policy.requires_grad_(False)
         if not isinstance(self.adapter, Adapter):
@@ -102,7 +103,7 @@ class Corrector:
         if not self.thresholded:
             return
         if self.calibration is None:
-            what = "the gate" if config.gate else specification(self.editor, self.adapter.editors).partition(":")[0]
+            what = "the gate" if config.gate else name_of(specification(self.editor, self.adapter.editors))
             raise ValueError(
                 f"{what} needs a calibration, and {config.adapter} has none: run gloves calibrate "
                 f"--policy.path={config.adapter} --dataset.repo_id=<held-out expert episodes>"
@@ -197,10 +198,10 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
             the gate does.
     """
     method = config.method or adapter.default_editor
-    editor = None if method == "none" else parse(method, {**adapter.editors, "none": object}, "method")
+    editor = parse_optional(method, adapter.editors, "method")
     if getattr(editor, "needs_agent", False) and not getattr(adapter, "has_agent", False):
         raise ValueError(
-            f"{method.partition(':')[0]} needs the agent's flow besides the expert's: take a gloves_align_flow as "
+            f"{name_of(method)} needs the agent's flow besides the expert's: take a gloves_align_flow as "
             """adapter, or name one by --policy.adapter_overrides='["--agent_flow=<checkpoint>"]'"""
         )
     if not adapter.scores and (config.gate or config.score is not None):
@@ -211,26 +212,15 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
     return editor, None if name is None else parse(name, adapter.scores, "score")
 
 
-def check_features(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
-    """Refuse an adapter whose actions or observations are not the agent's.
+def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
+    """Refuse an adapter whose actions or observations are not the agent's; the environment may give it more vectors.
 
     Raises:
         ValueError: Naming what differs.
     """
-    ours, theirs = agent.action_feature, adapter.action_feature
-    if ours is not None and theirs is not None and tuple(ours.shape) != tuple(theirs.shape):
-        raise ValueError(
-            f"the adapter edits actions of {theirs.shape[0]} dimensions, but the agent's have {ours.shape[0]}"
-        )
-    given = {agent.adapter_rename_map.get(key, key) for key in agent.image_features}
-    for key, feature in agent.input_features.items():
-        renamed = agent.adapter_rename_map.get(key, key)
-        other = adapter.input_features.get(renamed)
-        if other is not None and key not in agent.image_features and tuple(other.shape) != tuple(feature.shape):
-            raise ValueError(f"the adapter's {renamed} has shape {other.shape}, but the agent's has {feature.shape}")
-    missing = set(adapter.image_features) - given
-    if missing:
-        raise ValueError(
-            f"the adapter needs the cameras {sorted(missing)}, but the agent sees {sorted(given) or 'none'}: "
-            "rename them by --policy.adapter_rename_map, or take an adapter for these cameras"
-        )
+    given = {agent.adapter_rename_map.get(key, key): one for key, one in agent.input_features.items()}
+    advice = "rename by --policy.adapter_rename_map, or take an adapter for these"
+    needed = {key: one for key, one in adapter.input_features.items() if key in given or key in adapter.image_features}
+    check_features("the adapter", needed, "the agent", given, advice=advice)
+    if agent.output_features:  # else only its actions will tell
+        check_features("the adapter", adapter.output_features or {}, "the agent", agent.output_features)

@@ -7,6 +7,7 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
+from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.checkpoints.processors import Pipeline, load_processors
 from lerobot_gloves.networks import BoundVelocity
@@ -40,11 +41,12 @@ def load_agent_flow(expert: GlovesExpertFlowConfig) -> Callable[[Mapping[str, Te
         raise ValueError(
             f"agent_flow={path} has chunks of {config.chunk_size} actions, but the expert flow of {expert.chunk_size}"
         )
-    if config.input_features != expert.input_features or config.output_features != expert.output_features:
-        raise ValueError(
-            f"agent_flow={path} knows {_described(config)}, but the expert flow {_described(expert)}: train both on "
-            "the same features"
-        )
+    ours, theirs = ({**one.input_features, **one.output_features} for one in (expert, config))
+    for who, needed, giver, given in (
+        (f"agent_flow={path}", theirs, "the expert flow", ours),
+        ("the expert flow", ours, f"agent_flow={path}", theirs),
+    ):
+        check_features(who, needed, giver, given, advice="train both on the same features")
     loaded = load_policy(config, expert.device)
     preprocess, _ = load_processors(expert, str(expert.pretrained_path), expert.device, expert.pretrained_revision)
     different = differently_normalised(expert, preprocess, loaded.preprocess)
@@ -65,8 +67,3 @@ def differently_normalised(config: PreTrainedConfig, one: Pipeline, other: Pipel
         ours, theirs = one(dict(probe)), other(dict(probe))
         different |= {key for key in shapes if not torch.allclose(ours[key], theirs[key], rtol=1e-4)}
     return sorted(different)
-
-
-def _described(config: PreTrainedConfig) -> str:
-    features = {**config.input_features, **config.output_features}
-    return ", ".join(f"{key} {tuple(feature.shape)}" for key, feature in sorted(features.items()))
