@@ -1,4 +1,4 @@
-"""Wrap a policy that is slow now and then, play twelve episodes of Slalom, and see what was edited in them.
+"""Wrap a policy that is slow now and then, play each corridor of Slalom once, and see what was edited.
 
 python examples/wrap_a_policy.py
 """
@@ -17,10 +17,10 @@ def main() -> None:
     corrected = {"adapter": str(PACKAGED / EXPERT_FLOW), "method": "feeg:start=0.3,align=0.1"}
     gate = {"gate": True, "alpha": 0.05, "score": "reverse:steps=5"}
     for name, options in (("raw", {}), ("corrected", corrected | gate)):
-        with environments(task, 12) as env:
-            for episode in rollout(env, load_agent(task, agent, slow, seed=0, **options), range(10000, 10012)):
-                ended = "success" if episode.success else episode.failure
-                print(f"{name}, seed {episode.seed}: {ended}, {episode.edited} of {episode.chunks} chunks edited")
+        with environments(task, 24) as env:
+            episodes = rollout(env, load_agent(task, agent, slow, seed=0, **options), range(10000, 10024))
+        chunks, edited = (sum(getattr(episode, what) for episode in episodes) for what in ("chunks", "edited"))
+        print(f"{name}: {sum(e.success for e in episodes)} of 24 succeed, {edited} of {chunks} chunks edited")
 
 
 if __name__ == "__main__":

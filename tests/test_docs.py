@@ -1,16 +1,23 @@
-"""What the pages say of the code is true: the table of options, and the README's example."""
+"""What the pages say of the code is true: the table of options, the README's figures and its command."""
 
+import json
 import re
+import shlex
+import subprocess
+import sys
 from dataclasses import fields
 from pathlib import Path
 
-import torch
+import pytest
 from lerobot.policies import get_policy_class
 
 import lerobot_policy_gloves  # noqa: F401, registers the adapters
+from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.perturbations import PERTURBATIONS
+from lerobot_gloves.report.overall import Overall
+from lerobot_gloves.report.summary import summarise
 from lerobot_gloves.scores import SCORES
-from tests.gaussian import example_flow, seeded
+from scripts.write_results import TASKS
 
 ROOT = Path(__file__).parents[1]
 ADAPTERS = ("gloves_expert_flow", "gloves_align_flow", "ddpm_assist", "csa_assist")
@@ -26,15 +33,23 @@ def test_the_table_of_options_is_that_of_the_classes():
     assert sorted(rows) == sorted(expected)
 
 
-def test_the_readmes_example_edits_what_the_gate_turns_away():
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    velocity = example_flow()
-    proposal = velocity.sample(4, seeded(1))
-    proposal[0], proposal[2] = velocity.mean, velocity.mean + 8 * velocity.std  # the likeliest chunk, and none at all
-    names = {"velocity": velocity, "held_out_chunks": velocity.sample(200, seeded(0)), "proposal": proposal.clone()}
-    torch.manual_seed(0)
-    exec(code, names)
-    admitted = names["admitted"]
-    assert admitted[0] and not admitted[2]
-    assert torch.equal(names["chunk"][admitted], proposal[admitted])
-    assert (names["chunk"] - velocity.mean)[2].norm() < (proposal - velocity.mean)[2].norm()
+def test_the_readmes_figures_are_those_of_the_rows():
+    overall = Overall([summarise(read_rows(ROOT / "docs" / "rows" / task))[0] for task in TASKS])
+    line = re.search(r"^\| perturbed agents \|(.*)\|$", (ROOT / "README.md").read_text(), re.MULTILINE)[1]
+    told = [float(figure.strip(" *")) for figure in line.split("|")]
+    assert told == [round(overall.mean(method), 1) for method in ("agent", "FEEG+gate", "IFAE", "CSA")]
+    episodes = sum(result.episodes for result in overall.results("IFAE"))
+    assert f"{len(TASKS)} tasks x 4 perturbations, the same {episodes:,} episodes" in (ROOT / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_readmes_command_runs_as_it_stands(tmp_path):
+    blocks = re.findall(r"```bash\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    (command,) = [block for block in blocks if "--policy.path=lerobot_gloves/demo/agent" in block]
+    assert "<" not in command
+    program, *options = shlex.split(
+        command.replace("\\\n", "").replace("=48", "=2").replace("outputs/first", str(tmp_path))
+    )
+    done = subprocess.run([Path(sys.executable).with_name(program), *options], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert len(json.loads((tmp_path / "eval_info.json").read_text())["per_episode"]) == 2
