@@ -24,6 +24,16 @@ METHOD = {
     "specification",
 }
 """Rooms of the library that are the method: readable with only the paper beside them."""
+FLOORS = (
+    METHOD | {"system"},
+    {"checkpoints", "tasks"},
+    {"evaluation"},
+    {"recording", "benchmark"},
+    {"report"},
+    {"demo"},
+    {"commands"},
+)
+"""Rooms of the library from the ground up: each stands on those below it, and on none beside it but the method."""
 LINES = 300
 
 
@@ -110,6 +120,14 @@ def test_the_method_imports_torch_and_nothing_of_lerobot():
             if room(name) not in rooms and name.partition(".")[0] not in allowed:
                 foreign.append((str(path), name))
     assert seen == rooms and foreign == []
+
+
+def test_every_arrow_points_down():
+    floor = {f"{LIBRARY}.{name}": height for height, names in enumerate(FLOORS) for name in names}
+    inside = [(path, own, room(name)) for path, own, name in edges() if own.startswith(f"{LIBRARY}.")]
+    arrows = [(str(path), own, there) for path, own, there in inside if there not in (None, own, LIBRARY)]
+    assert {own for _, own, _ in arrows} | {there for _, _, there in arrows} == floor.keys()
+    assert [arrow for arrow in arrows if floor[arrow[1]] and floor[arrow[2]] >= floor[arrow[1]]] == []
 
 
 def test_the_library_never_imports_a_policy():
