@@ -1,7 +1,5 @@
 """The align flow learns each source's own chunks, from data that LeRobot's tools merged, and edits by both flows."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -19,7 +17,6 @@ from lerobot_gloves.editors import FEEG, IFAE
 from lerobot_gloves.recording.sources import SOURCES, agent_task
 from lerobot_policy_gloves.gloves_align_flow.configuration_gloves_align_flow import LABEL
 from tests.builders import (
-    features,
     load,
     make_config,
     make_policy,
@@ -29,31 +26,11 @@ from tests.builders import (
     wrap,
     write_dataset,
 )
+from tests.policies.proposals import write_agent_dataset
 from tests.policies.test_training_command import LAST
 
 T = 6
 """Chunk size."""
-
-
-def write_agent_dataset(root: Path, proposals: np.ndarray, source: str = "noised") -> LeRobotDataset:
-    """Proposals (E, n, T, A) of E episodes of n queries, in the format of `lerobot_gloves.recording.sources`.
-
-    The first entry of a row's state is the number of its query.
-    """
-    inputs, outputs = features()
-    shapes = {**inputs, **outputs}
-    names = {key: [f"{key.split('.')[-1]}_{i}" for i in range(feature.shape[0])] for key, feature in shapes.items()}
-    columns = {key: {"dtype": "float32", "shape": shapes[key].shape, "names": names[key]} for key in shapes}
-    dataset = LeRobotDataset.create("me/agent", fps=20, root=root, features=columns, use_videos=False)
-    for episode in proposals:
-        for query, proposal in enumerate(episode):
-            for action in proposal:
-                row = {key: np.full(feature.shape, query, np.float32) for key, feature in inputs.items()}
-                task = agent_task(source, proposals.shape[2])
-                dataset.add_frame({**row, "action": action.astype(np.float32), "task": task})
-        dataset.save_episode()
-    dataset.finalize()
-    return dataset
 
 
 @pytest.fixture(scope="module")

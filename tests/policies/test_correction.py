@@ -289,19 +289,3 @@ def test_what_happens_after_an_episodes_end_does_not_count(tmp_path, agent, adap
     lines = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     steps = {episode: [line["step"] for line in lines if line["episode"] == episode] for episode in range(3)}
     assert steps == {0: [0, 4, 8, 12], 1: [0, 4], 2: [0, 4, 8, 12]}
-
-
-def test_a_single_environment_that_stands_still_counts(tmp_path, agent, adapter):
-    policy = wrap(agent, adapter=adapter)
-    act(policy, observation(1), 9)
-    assert policy.statistics()["chunks"] == 3
-
-
-def test_totals_are_logged_at_the_end(agent, adapter, caplog):
-    policy = wrap(agent, adapter=adapter)
-    with caplog.at_level("INFO"):
-        policy._journal.report()
-        assert "gloves:" not in caplog.text  # other tests may have left loggers talkative
-        act(policy, observation(2), 4)
-        policy._journal.report()
-    assert "2 chunks, intervention rate 1.000" in caplog.text

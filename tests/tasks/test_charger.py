@@ -1,7 +1,5 @@
-import gc
 import math
 import sys
-import weakref
 
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ from lerobot.envs import make_env, preprocess_observation
 from lerobot.envs.utils import env_to_policy_features
 from scipy.spatial.transform import Rotation
 
-from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.tasks.charger import ChargerEnv, simulator
 from lerobot_gloves.tasks.charger.environment import TASK, Charger
 from lerobot_gloves.tasks.charger.scene import is_plugged_in, turn_of
@@ -159,38 +156,6 @@ def test_global_random_generators_are_left_alone(env):
     np.random.seed(1)
     env.reset(seed=9)
     assert torch.equal(torch.rand(3), expected[0]) and np.array_equal(np.random.rand(3), expected[1])
-
-
-def test_making_one_searches_nothing_old_for_garbage():
-    """ManiSkill's own collection would take longer than all else; a later one sees everything again."""
-    seen = []
-
-    def note(phase, info):
-        if phase == "start" and info["generation"] == 2:
-            seen.append(len(gc.get_objects()))
-
-    gc.collect()
-    before = len(gc.get_objects())
-    gc.callbacks.append(note)
-    try:
-        Charger().close()
-    finally:
-        gc.callbacks.remove(note)
-    assert seen and min(seen) < before / 10
-    assert len(gc.get_objects()) > before / 2
-
-
-def test_a_benchmarks_last_environments_are_gone_when_the_next_are_made():
-    """Python would collect them at some time; until then each cell's simulators would lie beside the next one's."""
-    gc.disable()
-    try:
-        with environments(ChargerEnv(), 1) as envs:
-            last = weakref.ref(envs.envs[0].unwrapped._scene)
-        del envs
-        with environments(ChargerEnv(), 1):
-            assert last() is None
-    finally:
-        gc.enable()
 
 
 def test_an_action_moves_joints_from_where_they_are(env):

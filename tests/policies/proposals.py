@@ -1,0 +1,30 @@
+"""A dataset of an agent's proposals, as `lerobot_gloves.recording.sources` says that it is."""
+
+from pathlib import Path
+
+import numpy as np
+from lerobot.datasets import LeRobotDataset
+
+from lerobot_gloves.recording.sources import agent_task
+from tests.builders import features
+
+
+def write_agent_dataset(root: Path, proposals: np.ndarray, source: str = "noised") -> LeRobotDataset:
+    """Proposals (E, n, T, A) of E episodes of n queries, in the format of `lerobot_gloves.recording.sources`.
+
+    The first entry of a row's state is the number of its query.
+    """
+    inputs, outputs = features()
+    shapes = {**inputs, **outputs}
+    names = {key: [f"{key.split('.')[-1]}_{i}" for i in range(feature.shape[0])] for key, feature in shapes.items()}
+    columns = {key: {"dtype": "float32", "shape": shapes[key].shape, "names": names[key]} for key in shapes}
+    dataset = LeRobotDataset.create("me/agent", fps=20, root=root, features=columns, use_videos=False)
+    for episode in proposals:
+        for query, proposal in enumerate(episode):
+            for action in proposal:
+                row = {key: np.full(feature.shape, query, np.float32) for key, feature in inputs.items()}
+                task = agent_task(source, proposals.shape[2])
+                dataset.add_frame({**row, "action": action.astype(np.float32), "task": task})
+        dataset.save_episode()
+    dataset.finalize()
+    return dataset
