@@ -12,7 +12,7 @@ import yaml
 from lerobot_gloves.benchmark.matrix import Setting, Task
 from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.report import summary
-from lerobot_gloves.report.markdown import markdown_table
+from lerobot_gloves.system.text import markdown_table
 
 MOST_EPISODES = 60
 """How many episodes a search may play with each setting under each perturbation."""

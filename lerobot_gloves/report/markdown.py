@@ -1,16 +1,7 @@
 """Markdown tables."""
 
-from collections.abc import Sequence
-
 from lerobot_gloves.report.tables import Entry, Table
-
-
-def markdown_table(lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table of lines of equally many cells, headers first; its columns line up in a terminal as well."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    padded = [[text.ljust(width) for text, width in zip(line, widths, strict=True)] for line in lines]
-    padded.insert(1, ["-" * width for width in widths])
-    return "\n".join(f"| {' | '.join(line)} |" for line in padded)
+from lerobot_gloves.system.text import markdown_table
 
 
 def markdown(table: Table) -> str:
