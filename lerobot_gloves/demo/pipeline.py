@@ -1,4 +1,4 @@
-"""Models from nothing, in stages that a killed run finds finished: record, train, calibrate, merge datasets."""
+"""Models from nothing, in stages that a killed run finds finished: record, train, export, calibrate, merge."""
 
 import json
 import re
@@ -12,6 +12,7 @@ import yaml
 from lerobot.utils.constants import CHECKPOINTS_DIR, LAST_CHECKPOINT_LINK, PRETRAINED_MODEL_DIR, TRAINING_STATE_DIR
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
+from lerobot_gloves.demo.export import export
 from lerobot_gloves.recording.staging import staging_folder
 from lerobot_gloves.system.processes import Command, console_script, run
 
@@ -63,7 +64,7 @@ class Stage(ABC):
         """The command, as one would type it where nothing is there yet."""
 
     def begin(self) -> list[str]:
-        """The command that makes what is missing now; what would be in its way is removed."""
+        """Do what this process can do itself; returns the command that does the rest, if there is any."""
         return self.words
 
 
@@ -149,6 +150,31 @@ class Train(Stage):
 
 
 @dataclass(frozen=True)
+class Export(Stage):
+    """`python -m lerobot_gloves.demo.export`: averaged weights in half precision.
+
+    Attributes:
+        checkpoint: A training run's.
+        folder: The new folder.
+    """
+
+    checkpoint: Path
+    folder: Path
+
+    @property
+    def done(self) -> bool:
+        return self.folder.is_dir()
+
+    @property
+    def words(self) -> list[str]:
+        return ["python", "-m", "lerobot_gloves.demo.export", str(self.checkpoint), str(self.folder)]
+
+    def begin(self) -> list[str]:
+        export(self.checkpoint, self.folder)  # sooner done than a process is started
+        return []
+
+
+@dataclass(frozen=True)
 class Calibrate(Stage):
     """`gloves calibrate`.
 
@@ -211,11 +237,9 @@ def make(stages: Sequence[Stage], logs: Path, *, began: float) -> None:
     Raises:
         ChildProcessError: If a command fails.
     """
-    run([_command(stage, logs) for stage in stages if not stage.done], began=began)
-
-
-def _command(stage: Stage, logs: Path) -> Command:
-    program, *options = stage.begin()
-    return Command(
-        stage.label, [console_script(program), *options], logs / f"{stage.label.replace(' ', '_')}.log", PROGRESS
-    )
+    commands = []
+    for stage in stages:
+        if not stage.done and (words := stage.begin()):
+            log = logs / f"{stage.label.replace(' ', '_')}.log"
+            commands.append(Command(stage.label, [console_script(words[0]), *words[1:]], log, PROGRESS))
+    run(commands, began=began)

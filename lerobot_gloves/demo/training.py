@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED, PAIR
-from lerobot_gloves.demo.export import describe, export
-from lerobot_gloves.demo.pipeline import Calibrate, Dataset, Record, Stage, Train, make
+from lerobot_gloves.demo.export import describe
+from lerobot_gloves.demo.pipeline import Calibrate, Dataset, Export, Record, Stage, Train, make
 from lerobot_gloves.system.files import whole
 from lerobot_gloves.system.processes import clock
 
@@ -50,6 +50,10 @@ class Training:
         data = [f"--dataset.root={self.dataset.root}"]  # its name stands in the configuration
         return Train(name.replace("_", " "), file, data, folder, self.steps)
 
+    def export(self, name: str) -> Export:
+        """The averaged weights of one of them, where the pair ends up."""
+        return Export(f"export of {name.replace('_', ' ')}", self.train(name).checkpoint, self.root / name)
+
     @property
     def calibrate(self) -> Calibrate:
         """The calibration of the expert flow that was exported."""
@@ -59,15 +63,8 @@ class Training:
         """The commands in order, as one would type them in a checkout's root."""
         configurations = Path("lerobot_gloves/demo")
         here = Training(Path("outputs/demo"), self.demonstrations, self.steps, self.scores, configurations)
-        trainings = {name: here.train(name) for name in PAIR}
-        exporting = ["python", "-m", "lerobot_gloves.demo.export"]
-        commands = [
-            here.record.words,
-            *(training.words for training in trainings.values()),
-            *([*exporting, str(one.checkpoint), str(here.root / name)] for name, one in trainings.items()),
-            here.calibrate.words,
-        ]
-        return [shlex.join(command) for command in commands]
+        trainings, exports = [here.train(name) for name in PAIR], [here.export(name) for name in PAIR]
+        return [shlex.join(stage.words) for stage in (here.record, *trainings, *exports, here.calibrate)]
 
 
 def train_pair(training: Training, *, began: float) -> tuple[Path, Path]:
@@ -87,20 +84,15 @@ def train_pair(training: Training, *, began: float) -> tuple[Path, Path]:
     root = training.root
     claim(training)
 
-    def tell(number: int, title: str, done: bool) -> None:
-        now = clock(time.monotonic() - began)
-        print(f"[{now}] training {number} of 4, {title}{': already done' if done else ''}", flush=True)
-
     def stage(number: int, title: str, parts: Sequence[Stage]) -> None:
-        tell(number, title, all(part.done for part in parts))
+        now, done = clock(time.monotonic() - began), all(part.done for part in parts)
+        print(f"[{now}] training {number} of 4, {title}{': already done' if done else ''}", flush=True)
         make(parts, root / "logs", began=began)
 
-    unexported = [name for name in PAIR if not (root / name).is_dir()]
+    exports = {name: training.export(name) for name in PAIR}
     stage(1, f"{training.demonstrations} demonstrations", [training.record])
-    stage(2, "agent and expert flow", [training.train(name) for name in unexported])
-    tell(3, "averaged weights in half precision", not unexported)
-    for name in unexported:
-        export(training.train(name).checkpoint, root / name)
+    stage(2, "agent and expert flow", [training.train(name) for name in PAIR if not exports[name].done])
+    stage(3, "averaged weights in half precision", list(exports.values()))
     stage(4, "calibration", [training.calibrate])
     with whole(root / "README.md") as part:
         part.write_text(describe(root, PAIR, training.recipe()))
