@@ -25,8 +25,8 @@ from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
 from lerobot_gloves.recording.sources import SOURCES
-from lerobot_gloves.report.markdown import markdown_table
 from lerobot_gloves.scores import ReverseScore
+from lerobot_gloves.system.text import markdown_table
 from lerobot_policy_csa_assist.editor import CSA
 from lerobot_policy_csa_assist.edm import Denoiser, NoiseLevels
 from lerobot_policy_ddpm_assist.configuration_ddpm_assist import DdpmAssistConfig

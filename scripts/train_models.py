@@ -7,30 +7,55 @@ Run again, it goes on where it stopped. Everything goes to outputs/, what each c
 
 import argparse
 import json
-import shutil
 import time
 from pathlib import Path
 
 import yaml
 
-from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
-from lerobot_gloves.demo.training import PROGRESS, is_recorded, steps_done
+from lerobot_gloves.demo.pipeline import Calibrate, Dataset, Merge, Record, Stage, Train, make
 from lerobot_gloves.recording.sources import SOURCES
-from lerobot_gloves.system.processes import Job, console_script, run
 
 MODELS = ("agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
 PROPOSALS = {"charger": 100}
 """Episodes of the agent's proposals under each perturbation, where that is not what `gloves record` makes: with fewer
 of them more of what the align flow learns is the expert's, and there half a millimetre decides."""
-SCORES = '--scores=["reverse:steps=1", "reverse:steps=5"]'
+SCORES = ("reverse:steps=1", "reverse:steps=5")
+
+# A tenth of a second: what a policy errs by adds up until it looks again, and half a millimetre is too much.
+_SHORT = {"policy.chunk_size": 2, "policy.n_action_steps": 2}
+_PAIR = {"policy.width": 128, "policy.depth": 4, "policy.context_dim": 256, "policy.samples_per_item": 8}
+# The size of the demo's pair, which the benchmark corrects.
+_BASELINE = {
+    "policy.width": 64,
+    "policy.context_dim": 96,
+    "policy.samples_per_item": 2,
+    "batch_size": 32,
+    "steps": 6000,
+}
+OPTIONS: dict[str, dict[str, dict[str, int]]] = {
+    "slalom": {
+        **dict.fromkeys(("agent", "expert_flow"), _PAIR | {"batch_size": 8, "steps": 15000, "save_freq": 5000}),
+        **dict.fromkeys(("ddpm_assist", "csa_teacher", "csa_student"), _BASELINE),
+        "align_flow": {"policy.samples_per_item": 2, "batch_size": 32},
+    },
+    "charger": {
+        "agent": _SHORT | {"policy.samples_per_item": 2, "batch_size": 64, "steps": 15000},
+        **dict.fromkeys(
+            ("expert_flow", "ddpm_assist", "csa_teacher", "csa_student"),
+            _SHORT | {"policy.samples_per_item": 1, "batch_size": 64, "steps": 12000},
+        ),
+        "align_flow": _SHORT | {"policy.samples_per_item": 1, "batch_size": 64, "steps": 15000},
+    },
+}
+"""By task and model, the options of `lerobot-train` over configs/cpu/<model>.yaml; Keypad and CAN have none."""
 
 
 class Models:
-    """The commands that make one task's models.
+    """One task's models, each a stage that knows whether it is done.
 
     Args:
         task: Name of its file in configs/bench/.
-        steps: Optimiser steps of each training; None for what the configurations say.
+        steps: Optimiser steps of each training; None for what the configurations and `OPTIONS` say.
         num_workers: Processes of a recording.
     """
 
@@ -41,95 +66,72 @@ class Models:
         (setting,) = yaml.safe_load(benchmark)["tasks"].values()
         # Slalom's agent and expert flow ship with the package; a student has a teacher, which no benchmark names.
         self.needed = [m for m in MODELS if f"{self.root}/{m.replace('teacher', 'student')}/" in benchmark]
-        self.config = setting["env"]["type"].removeprefix("gloves_")
+        self.options = OPTIONS.get(setting["env"]["type"].removeprefix("gloves_"), {})
         self.env = [f"--env.{key}={json.dumps(value).strip('"')}" for key, value in setting["env"].items()]
         self.agent = setting["agent"]
         self.perturbations = {k: v for k, v in setting["perturbations"].items() if k in SOURCES}
 
-    def checkpoint(self, model: str) -> Path:
-        return self.root / model / "checkpoints" / "last" / "pretrained_model"
+    def dataset(self, kind: str) -> Dataset:
+        """Demonstrations (`state`), an agent's proposals under a perturbation, or all of them merged (`align`)."""
+        return Dataset(f"gloves/{self.task}_{kind}", Path("outputs/datasets") / f"{self.task}_{kind}")
 
-    @staticmethod
-    def dataset(name: str) -> list[str]:
-        return [f"--dataset.repo_id=gloves/{name}", f"--dataset.root=outputs/datasets/{name}"]
-
-    def job(self, label: str, program: str, *options: str) -> Job:
-        log = self.root / "logs" / f"{label.replace(' ', '_')}.log"
-        return Job(label, [console_script(program), *options], log, PROGRESS)
-
-    def record(self, kind: str, *options: str) -> list[Job]:
+    def record(self, kind: str, *options: str) -> Record:
         """Demonstrations, or an agent's proposals."""
-        name = f"{self.task}_{kind}"
-        root = Path("outputs/datasets") / name
-        if is_recorded(root):
-            return []
         workers = f"--num_workers={self.num_workers}"
-        return [self.job(f"recording {kind}", "gloves", "record", *self.env, *self.dataset(name), *options, workers)]
+        return Record(f"recording {kind}", self.env, self.dataset(kind), [*options, workers])
 
-    def record_proposals(self, source: str, perturbation: str) -> list[Job]:
+    def record_proposals(self, source: str, perturbation: str) -> Record:
         """What the agent proposes under a perturbation."""
         options = [f"--agent={self.agent}", f"--perturbation={perturbation}"]
         if self.task in PROPOSALS:
             options.append(f"--dataset.num_episodes={PROPOSALS[self.task]}")
         return self.record(f"agent_{source}", *options)
 
-    def train(self, model: str, data: str = "state", *options: str) -> list[Job]:
-        """A training run, from its last checkpoint on if it has one."""
-        folder, last = self.root / model, self.checkpoint(model)
-        source = Path(f"configs/cpu/{self.config}_{model}.yaml")
-        wanted = self.steps or yaml.safe_load(source.read_text())["steps"]
-        if done := steps_done(folder):
-            if done >= wanted:
-                return []
-            source, options = last / "train_config.json", ("--resume=true",)
-        else:
-            shutil.rmtree(folder, ignore_errors=True)
-        data_options = self.dataset(f"{self.task}_{data}")
-        command = (f"--config_path={source}", *data_options, f"--output_dir={folder}", f"--steps={wanted}", *options)
-        return [self.job(model, "lerobot-train", *command)]
+    def train(self, model: str, data: str = "state", *options: str) -> Train:
+        """A training run by the configuration of that name, with what the task has of its own."""
+        own = dict(self.options.get(model, {}))
+        steps = own.pop("steps", None)
+        named = [f"--{name}={value}" for name, value in own.items()]
+        return Train(
+            model,
+            Path(f"configs/cpu/{model}.yaml"),
+            self.dataset(data).options,
+            self.root / model,
+            self.steps or steps,
+            [*named, *options],
+        )
 
-    def calibrate(self, model: str, data: str = "state") -> list[Job]:
-        path = self.checkpoint(model)
-        if (path / CALIBRATION_NAME).is_file():
-            return []
-        options = (f"--policy.path={path}", *self.dataset(f"{self.task}_{data}"), SCORES)
-        return [self.job(f"calibration of {model}", "gloves", "calibrate", *options)]
+    def calibrate(self, model: str, data: str = "state") -> Calibrate:
+        """Its scores of the episodes that its training held out."""
+        return Calibrate(f"calibration of {model}", self.train(model).checkpoint, self.dataset(data), SCORES)
 
-    def merge(self) -> list[Job]:
+    def merge(self) -> Merge:
         """Demonstrations and proposals in one dataset."""
-        target = f"{self.task}_align"
-        if (Path("outputs/datasets") / target / "meta" / "info.json").is_file():
-            return []
-        names = [f"{self.task}_{kind}" for kind in ("state", *(f"agent_{source}" for source in self.perturbations))]
-        return [
-            self.job(
-                "merging",
-                "lerobot-edit-dataset",
-                "--operation.type=merge",
-                f"--operation.repo_ids={json.dumps([f'gloves/{name}' for name in names])}",
-                f"--operation.roots={json.dumps([f'outputs/datasets/{name}' for name in names])}",
-                f"--new_repo_id=gloves/{target}",
-                f"--new_root=outputs/datasets/{target}",
-            )
-        ]
+        kinds = ("state", *(f"agent_{source}" for source in self.perturbations))
+        return Merge("merging", [self.dataset(kind) for kind in kinds], self.dataset("align"))
 
     def make(self, wanted: list[str]) -> None:
         """Run whatever is not there yet of the models `wanted`."""
         began = time.monotonic()
+
+        def together(*stages: Stage) -> None:
+            make(stages, self.root / "logs", began=began)
+
         wanted = [model for model in self.needed if model in wanted]
-        run(self.record("state"), began=began)
-        run([job for model in wanted if model in MODELS[:4] for job in self.train(model)], began=began)
-        after = self.calibrate("expert_flow") if "expert_flow" in wanted else []
+        together(self.record("state"))
+        together(*(self.train(model) for model in wanted if model in MODELS[:4]))
+        after: list[Stage] = [self.calibrate("expert_flow")] if "expert_flow" in wanted else []
         if "csa_student" in wanted:
-            after += self.train("csa_student", "state", f"--policy.teacher={self.checkpoint('csa_teacher')}")
-        run(after, began=began)
+            teacher = self.train("csa_teacher").checkpoint
+            after.append(self.train("csa_student", "state", f"--policy.teacher={teacher}"))
+        together(*after)
         if "align_flow" not in wanted:
             return
         for source, perturbation in self.perturbations.items():
-            run(self.record_proposals(source, perturbation), began=began)
-        run(self.merge(), began=began)
-        run(self.train("align_flow", "align"), began=began)
-        run(self.calibrate("align_flow", "align"), began=began)
+            together(self.record_proposals(source, perturbation))
+        together(self.merge())
+        together(self.train("align_flow", "align"))
+        together(self.calibrate("align_flow", "align"))
 
 
 def main() -> None:

@@ -14,6 +14,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from lerobot_gloves.system.files import whole
+
 CALIBRATION_NAME = "calibration.safetensors"
 
 
@@ -80,13 +82,12 @@ class Calibration:
             "guidance": self.guidance,
         }
         scores = {key: value.contiguous() for key, value in self.scores.items()}
-        temporary = folder / f".{CALIBRATION_NAME}.partial"
+        path = folder / CALIBRATION_NAME
         try:
-            save_file(scores, temporary, metadata={"gloves": json.dumps(about)})
+            with whole(path) as part:
+                save_file(scores, part, metadata={"gloves": json.dumps(about)})
         except SafetensorError as error:  # also for a full disk
-            temporary.unlink(missing_ok=True)
-            raise OSError(f"cannot write {folder / CALIBRATION_NAME}: {error}") from error
-        temporary.replace(folder / CALIBRATION_NAME)
+            raise OSError(f"cannot write {path}: {error}") from error
 
     @classmethod
     def load(cls, checkpoint: str | Path, revision: str | None = None) -> "Calibration | None":

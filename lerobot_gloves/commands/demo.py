@@ -15,7 +15,7 @@ from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED
-from lerobot_gloves.demo.evaluation import Method, Result, Setting, evaluation, perturbation_options, read
+from lerobot_gloves.demo.evaluation import Comparison, PlayedRun, Run, evaluation, perturbation_options, read
 from lerobot_gloves.demo.illustrations import PICTURE, VIDEO, show
 from lerobot_gloves.demo.table import table
 from lerobot_gloves.demo.training import Training, train_pair
@@ -23,6 +23,7 @@ from lerobot_gloves.editors import FEEG, FPAS
 from lerobot_gloves.evaluation.seeds import TEST
 from lerobot_gloves.scores import SCORES
 from lerobot_gloves.specification import parse
+from lerobot_gloves.system.files import whole
 from lerobot_gloves.system.interrupts import interrupts_ignored
 from lerobot_gloves.system.processes import clock, ended
 
@@ -94,52 +95,52 @@ def demo(cfg: DemoConfig) -> None:
     for option, folder in (("agent", agent), ("expert_flow", expert_flow)):
         if not (folder / "config.json").is_file():
             raise FileNotFoundError(f"--{option}: {folder} holds no policy")
-    setting = Setting(agent, cfg.perturbation, cfg.episodes, cfg.seed, cfg.output_dir / "evaluations")
-    print(f"{headline(setting)}: two runs of lerobot-eval side by side", flush=True)
-    results, shown = evaluate(setting, methods(cfg, expert_flow), cfg.output_dir, began)
-    text = table(results)
+    comparison = Comparison(agent, cfg.perturbation, cfg.episodes, cfg.seed, cfg.output_dir / "evaluations")
+    print(f"{headline(comparison)}: two runs of lerobot-eval side by side", flush=True)
+    played, shown = play(comparison, runs(cfg, expert_flow), cfg.output_dir, began)
+    text = table(played)
     print(f"\n{text}\n", flush=True)
     note = shown.result()
-    (cfg.output_dir / TABLE).write_text(f"{headline(setting)}.\n\n{text}\n\n{note}\n")
+    with whole(cfg.output_dir / TABLE) as part:
+        part.write_text(f"{headline(comparison)}.\n\n{text}\n\n{note}\n")
     written = [cfg.output_dir / name for name in (TABLE, PICTURE, VIDEO)]
     print(note, *(file for file in written if file.exists()), sep="\n")
     print(f"[{clock(time.monotonic() - began)}] done")
 
 
-def evaluate(
-    setting: Setting, rows: Sequence[Method], folder: Path, began: float
-) -> tuple[list[Result], "Future[str]"]:
-    """Run all methods, and draw the first and the last one as soon as both are there.
+def play(
+    comparison: Comparison, wanted: Sequence[Run], folder: Path, began: float
+) -> tuple[list[PlayedRun], "Future[str]"]:
+    """Play all runs, and draw the first and the last one as soon as both are there.
 
     Returns:
-        Results in the order of the methods, and what the video shows.
+        What was played, in the order of the runs, and what the video shows.
     """
-    raw, *others, corrected = rows
+    raw, *others, corrected = wanted
     # What is drawn runs first, and the painter only takes what the other runs leave of the processor.
-    jobs = {evaluation(setting, method): method for method in (raw, corrected, *others)}
-    results: dict[Method, Result] = {}
+    commands = {evaluation(comparison, run): run for run in (raw, corrected, *others)}
+    played: dict[Run, PlayedRun] = {}
     context = multiprocessing.get_context("spawn")  # OpenGL does not survive a fork
     with (
         ProcessPoolExecutor(1, context, os.nice, (10,)) as painter,
-        closing(ended(list(jobs), began=began)) as finished,
+        closing(ended(list(commands), began=began)) as finished,
     ):
-        for job in finished:
-            results[jobs[job]] = read(setting, jobs[job])
-            if results.keys() == {raw, corrected}:
+        for command in finished:
+            played[commands[command]] = read(comparison, commands[command])
+            if played.keys() == {raw, corrected}:
                 with interrupts_ignored():  # by the painter, which the end of this process ends
-                    shown = painter.submit(show, setting, results[raw], results[corrected], folder)
-        return [results[method] for method in rows], shown
+                    shown = painter.submit(show, comparison, played[raw], played[corrected], folder)
+        return [played[run] for run in wanted], shown
 
 
-def headline(setting: Setting) -> str:
+def headline(comparison: Comparison) -> str:
     """What all runs have in common."""
-    last = setting.seed + setting.episodes - 1
-    return (
-        f"Slalom, agent {setting.perturbation}, the same {setting.episodes} episodes each (seeds {setting.seed}-{last})"
-    )
+    first, count = comparison.seed, comparison.episodes
+    seeds = f"(seeds {first}-{first + count - 1})"
+    return f"Slalom, agent {comparison.perturbation}, the same {count} episodes each {seeds}"
 
 
-def methods(cfg: DemoConfig, expert_flow: Path) -> list[Method]:
+def runs(cfg: DemoConfig, expert_flow: Path) -> list[Run]:
     """The rows of the table; the last one is the corrected agent of the picture and the video."""
     adapter = f"--policy.adapter={expert_flow}"
     fpas = [adapter, f"--policy.score={cfg.fpas_score}", f"--policy.method={cfg.fpas}"]
@@ -147,10 +148,10 @@ def methods(cfg: DemoConfig, expert_flow: Path) -> list[Method]:
     gate = ["--policy.gate=true", f"--policy.score={cfg.score}", f"--policy.alpha={cfg.alpha}"]
     gated = [adapter, f"--policy.method={cfg.gated_feeg}", *gate]
     return [
-        Method("raw", "raw agent", recorded=True),
-        Method("fpas", "FPAS", fpas),
-        Method("feeg", "FEEG", feeg),
-        Method("feeg_gate", "FEEG + gate", gated, recorded=True),
+        Run("raw", "raw agent", recorded=True),
+        Run("fpas", "FPAS", fpas),
+        Run("feeg", "FEEG", feeg),
+        Run("feeg_gate", "FEEG + gate", gated, recorded=True),
     ]
 
 

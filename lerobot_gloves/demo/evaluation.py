@@ -12,15 +12,15 @@ import pyarrow.parquet as pq
 
 from lerobot_gloves.perturbations import PERTURBATIONS
 from lerobot_gloves.specification import parse
-from lerobot_gloves.system.processes import Job, console_script
+from lerobot_gloves.system.processes import Command, console_script
 
 CHUNK_LOG = "chunks.jsonl"
 ROLLED_OUT = re.compile(r"Running rollout.*?(?P<done>\d+)/(?P<total>\d+) ")
 
 
 @dataclass(frozen=True, eq=False)
-class Method:
-    """A row of the demo's table.
+class Run:
+    """The episodes behind a row of the demo's table.
 
     Attributes:
         name: Its folder.
@@ -36,7 +36,7 @@ class Method:
 
 
 @dataclass(frozen=True)
-class Setting:
+class Comparison:
     """What all runs share.
 
     Attributes:
@@ -55,18 +55,18 @@ class Setting:
 
 
 @dataclass
-class Result:
+class PlayedRun:
     """What a run left.
 
     Attributes:
-        method: What ran.
+        run: What was played.
         successes: Per episode.
         actions: Per recorded episode, executed actions (L, 2), metres.
         set_points_and_tips: Per recorded episode, what was observed before each of them, (L, 4), metres.
         chunks: Lines of the wrapper's log; none for the raw agent.
     """
 
-    method: Method
+    run: Run
     successes: list[bool]
     actions: list[np.ndarray]
     set_points_and_tips: list[np.ndarray]
@@ -83,30 +83,30 @@ class Result:
         return float(np.mean([chunk["distance"] for chunk in self.chunks])) if self.chunks else None
 
 
-def evaluation(setting: Setting, method: Method) -> Job:
-    """The run of a method, all episodes in one batch. What an earlier one left in its folder is removed."""
-    folder = setting.folder / method.name
+def evaluation(comparison: Comparison, run: Run) -> Command:
+    """The command that plays a run, all episodes in one batch. What an earlier one left in its folder is removed."""
+    folder = comparison.folder / run.name
     shutil.rmtree(folder, ignore_errors=True)
     # Unless it records, lerobot-eval draws ten videos: small ones, since nobody looks at them.
-    kept = "--eval.recording=true" if method.recorded else "--env.image_size=64"
-    command = [
+    kept = "--eval.recording=true" if run.recorded else "--env.image_size=64"
+    words = [
         console_script("lerobot-eval"),
-        f"--policy.path={setting.agent}",
+        f"--policy.path={comparison.agent}",
         "--policy.wrap=gloves",
         "--policy.device=cpu",
-        *perturbation_options(setting.perturbation),
-        *method.options,
+        *perturbation_options(comparison.perturbation),
+        *run.options,
         f"--policy.log={folder / CHUNK_LOG}",
         "--env.type=gloves_slalom",
         "--env.obs_type=state",
-        f"--eval.n_episodes={setting.episodes}",
-        f"--eval.batch_size={setting.episodes}",
+        f"--eval.n_episodes={comparison.episodes}",
+        f"--eval.batch_size={comparison.episodes}",
         "--eval.use_async_envs=false",
         kept,
-        f"--seed={setting.seed}",
+        f"--seed={comparison.seed}",
         f"--output_dir={folder}",
     ]
-    return Job(method.label, command, folder.with_suffix(".log"), ROLLED_OUT)
+    return Command(run.label, words, folder.with_suffix(".log"), ROLLED_OUT)
 
 
 def perturbation_options(specification: str) -> list[str]:
@@ -121,20 +121,20 @@ def perturbation_options(specification: str) -> list[str]:
     return [f"--policy.perturbation.type={name}", *values]
 
 
-def read(setting: Setting, method: Method) -> Result:
+def read(comparison: Comparison, run: Run) -> PlayedRun:
     """Read what a finished run left."""
-    folder = setting.folder / method.name
+    folder = comparison.folder / run.name
     info = json.loads((folder / "eval_info.json").read_text())
     (task,) = info["per_task"]
     successes = [bool(success) for success in task["metrics"]["successes"]]
     actions, observed = [], []
-    for episode in range(setting.episodes) if method.recorded else ():
+    for episode in range(comparison.episodes) if run.recorded else ():
         # LeRobot numbers the datasets of a batch by environment, and writes no number for a batch of one.
-        part = f"env_{episode}" if setting.episodes > 1 else ""
+        part = f"env_{episode}" if comparison.episodes > 1 else ""
         (file,) = (folder / "recordings").glob(f"*/{part}/data/*/*.parquet")
         table = pq.read_table(file, columns=["action", "agent_pos"])
         actions.append(np.array(table["action"].to_pylist(), dtype=np.float32))
         observed.append(np.array(table["agent_pos"].to_pylist(), dtype=np.float32))
     log = folder / CHUNK_LOG
     chunks = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
-    return Result(method, successes, actions, observed, chunks)
+    return PlayedRun(run, successes, actions, observed, chunks)

@@ -6,7 +6,6 @@ python -m lerobot_gloves.demo.export <checkpoint>/pretrained_model <new folder>
 import hashlib
 import json
 import os
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,8 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
+
+from lerobot_gloves.system.files import whole
 
 WEIGHTS = "model.safetensors"
 AVERAGED = "ema."
@@ -41,22 +42,21 @@ def export(checkpoint: Path, folder: Path) -> None:
         raise FileExistsError(f"{folder} exists already")
     if not (checkpoint / WEIGHTS).is_file():
         raise FileNotFoundError(f"{checkpoint} holds no {WEIGHTS}: give a pretrained_model folder of lerobot-train")
-    unfinished = folder.with_name(f"{folder.name}.partial")
-    shutil.rmtree(unfinished, ignore_errors=True)
-    unfinished.mkdir(parents=True)
     averaged = {
         key: _halve(value) for key, value in load_file(checkpoint / WEIGHTS).items() if key.startswith(AVERAGED)
     }
     if not averaged:
         raise ValueError(f"{checkpoint / WEIGHTS} holds no averaged weights ({AVERAGED}*): is it a flow's checkpoint?")
-    save_file(averaged, unfinished / WEIGHTS, metadata={"format": "pt"})
-    for file in sorted(checkpoint.glob("*.json")):
-        text = json.dumps(without_paths(json.loads(file.read_text())), indent=2)
-        (unfinished / file.name).write_text(text + "\n")
-    for file in sorted(checkpoint.glob("policy_*.safetensors")):
-        with safe_open(file, framework="pt") as tensors:
-            save_file({key: tensors.get_tensor(key) for key in tensors.keys()}, unfinished / file.name)  # noqa: SIM118
-    unfinished.replace(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with whole(folder) as part:
+        part.mkdir()
+        save_file(averaged, part / WEIGHTS, metadata={"format": "pt"})
+        for file in sorted(checkpoint.glob("*.json")):
+            text = json.dumps(without_paths(json.loads(file.read_text())), indent=2)
+            (part / file.name).write_text(text + "\n")
+        for file in sorted(checkpoint.glob("policy_*.safetensors")):
+            with safe_open(file, framework="pt") as tensors:
+                save_file({key: tensors.get_tensor(key) for key in tensors.keys()}, part / file.name)  # noqa: SIM118
 
 
 def _halve(tensor: Tensor) -> Tensor:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_gloves.demo.evaluation import Result
+from lerobot_gloves.demo.evaluation import PlayedRun
 from lerobot_gloves.tasks.slalom.environment import Slalom
 
 
@@ -23,11 +23,11 @@ class Path2d:
     frames: np.ndarray | None = None
 
 
-def replay(result: Result, episode: int, seed: int, *, image_size: int | None = None) -> Path2d:
+def replay(played: PlayedRun, episode: int, seed: int, *, image_size: int | None = None) -> Path2d:
     """Play an episode's recorded actions in a fresh environment.
 
     Args:
-        result: A run.
+        played: A run.
         episode: Number of the episode.
         seed: Seed of its environment.
         image_size: Height and width of frames, in pixels; None draws none.
@@ -38,12 +38,12 @@ def replay(result: Result, episode: int, seed: int, *, image_size: int | None = 
     env = Slalom(image_size=image_size or 1)
     observation, info = env.reset(seed=seed)
     observed, frames = [observation["agent_pos"]], []
-    for action in result.actions[episode]:
+    for action in played.actions[episode]:
         frames += [] if image_size is None else [env.render()]
         observation, _, _, _, info = env.step(action)
         observed.append(observation["agent_pos"])
     frames += [] if image_size is None else [env.render()]
-    same = np.array_equal(np.array(observed[:-1]), result.set_points_and_tips[episode])
-    if not same or info["is_success"] != result.successes[episode]:
-        raise RuntimeError(f"{result.method.label}, seed {seed}: the simulator did not repeat the recorded episode")
+    same = np.array_equal(np.array(observed[:-1]), played.set_points_and_tips[episode])
+    if not same or info["is_success"] != played.successes[episode]:
+        raise RuntimeError(f"{played.run.label}, seed {seed}: the simulator did not repeat the recorded episode")
     return Path2d(np.array(observed)[:, 2:], info["failure"], np.array(frames) if frames else None)

@@ -25,7 +25,7 @@ from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
 from lerobot_gloves.recording.sources import agent_task
-from lerobot_gloves.recording.staging import Episode
+from lerobot_gloves.recording.staging import StagedEpisode
 from lerobot_gloves.recording.workers import stage_all
 from lerobot_gloves.specification import name_of
 
@@ -117,7 +117,7 @@ def _stage(env_config: Recordable, agent: Agent, folder: Path, seed: int, batche
             yield
 
 
-def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int) -> list[Episode]:
+def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int) -> list[StagedEpisode]:
     """One episode in each of B environments, by an agent that was loaded for them.
 
     Args:
@@ -157,5 +157,5 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
             )
         frames = {key: np.stack([query[key] for query in queries[row]]) for key in queries[row][0]}
         task = agent_task(agent.source, lengths.pop())
-        episodes.append(Episode(frames=frames, task=task, failure=outcome.failure))
+        episodes.append(StagedEpisode(frames=frames, task=task, failure=outcome.failure))
     return episodes

@@ -12,7 +12,7 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_IMAGES
 
 from lerobot_gloves.recording import staging
-from lerobot_gloves.recording.staging import Episode
+from lerobot_gloves.recording.staging import StagedEpisode
 from lerobot_gloves.recording.workers import stage_all
 
 MAX_ATTEMPTS = 50
@@ -104,7 +104,7 @@ def _stage(env_config: Recordable, folder: Path, seed: int, parts: Sequence[rang
     env.close()
 
 
-def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
+def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> StagedEpisode:
     """Play episodes with one seed, each time with fresh draws of the expert, until one succeeds.
 
     Args:
@@ -130,7 +130,7 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> Episode:
         if info["is_success"]:
             frames = {key: np.stack([step[key] for step in steps]) for key in steps[0]}
             frames[MODE] = np.full((len(steps), 1), env_config.modes.index(task), dtype=np.int64)
-            return Episode(frames=frames, task=task, attempts=attempt + 1)
+            return StagedEpisode(frames=frames, task=task, attempts=attempt + 1)
     raise ValueError(
         f"the expert failed {MAX_ATTEMPTS} times in the environment with seed {seed}: does an episode end too early "
         "for it (--env.episode_length)?"

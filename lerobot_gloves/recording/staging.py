@@ -4,7 +4,6 @@ An open LeRobotDataset cannot do that: it neither loads nor resumes when its wri
 """
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +12,13 @@ from typing import Any
 import numpy as np
 from lerobot.utils.constants import ACTION
 
+from lerobot_gloves.system.files import whole
+
 _FACTS = ("task", "attempts", "failure")
 
 
 @dataclass(frozen=True)
-class Episode:
+class StagedEpisode:
     """A finished episode.
 
     Attributes:
@@ -59,7 +60,8 @@ def open_staging(folder: Path, settings: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "settings.json"
     if not file.exists():
-        _write(file, json.dumps(settings, indent=2).encode())
+        with whole(file) as part:
+            part.write_text(json.dumps(settings, indent=2))
         return
     found = json.loads(file.read_text())
     different = sorted(key for key in found.keys() | settings.keys() if found.get(key) != settings.get(key))
@@ -73,34 +75,20 @@ def staged(folder: Path) -> set[int]:
     return {int(file.stem.removeprefix("episode_")) for file in folder.glob("episode_*.npz")}
 
 
-def save(folder: Path, index: int, episode: Episode) -> None:
+def save(folder: Path, index: int, episode: StagedEpisode) -> None:
     """Write episode `index`; after a crash it is there whole or not at all."""
-    temporary = folder / f"writing_{index:06d}_{os.getpid()}.npz"
     facts = {name: np.array(getattr(episode, name)) for name in _FACTS}
-    np.savez_compressed(temporary, **facts, **episode.frames)  # type: ignore[arg-type]
-    _publish(temporary, _episode_file(folder, index))
+    with whole(_episode_file(folder, index)) as part, part.open("wb") as archive:
+        np.savez_compressed(archive, **facts, **episode.frames)  # type: ignore[arg-type]
 
 
-def load(folder: Path, index: int) -> Episode:
+def load(folder: Path, index: int) -> StagedEpisode:
     """Read episode `index`."""
     with np.load(_episode_file(folder, index)) as arrays:
         frames = {key: arrays[key] for key in arrays.files if key not in _FACTS}
         facts = {name: arrays[name].item() for name in _FACTS}
-        return Episode(frames=frames, **facts)
+        return StagedEpisode(frames=frames, **facts)
 
 
 def _episode_file(folder: Path, index: int) -> Path:
     return folder / f"episode_{index:06d}.npz"
-
-
-def _write(file: Path, content: bytes) -> None:
-    temporary = file.with_suffix(f".{os.getpid()}")
-    temporary.write_bytes(content)
-    _publish(temporary, file)
-
-
-def _publish(temporary: Path, file: Path) -> None:
-    """Move a written file to its name, contents first, so that not even a power cut leaves half of it there."""
-    with temporary.open("rb") as written:
-        os.fsync(written.fileno())
-    temporary.replace(file)

@@ -18,18 +18,18 @@ LAST_LINES = 15
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class Command:
     """A command to run.
 
     Attributes:
         label: What the user reads.
-        command: Program and arguments.
+        words: Program and arguments.
         log: File that receives all it prints.
         progress: Finds "done" and "total" in what it prints; the last match counts.
     """
 
     label: str
-    command: Sequence[str]
+    words: Sequence[str]
     log: Path
     progress: re.Pattern[str]
 
@@ -51,20 +51,20 @@ def clock(seconds: float) -> str:
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"
 
 
-def run(jobs: Sequence[Job], *, began: float) -> None:
+def run(commands: Sequence[Command], *, began: float) -> None:
     """Run commands to their end, as `ended` does."""
-    for _ in ended(jobs, began=began):
+    for _ in ended(commands, began=began):
         pass
 
 
-def ended(jobs: Sequence[Job], *, began: float, width: int = 2) -> Generator[Job]:
+def ended(commands: Sequence[Command], *, began: float, width: int = 2) -> Generator[Command]:
     """Run commands, at most `width` at a time, and say how far they are.
 
     A command takes one thread, asks nothing of the Hub, and ends when this process does.
 
     Args:
-        jobs: The commands, started in this order.
-        began: When the demo began (`time.monotonic`), for the elapsed time.
+        commands: In the order in which they are started.
+        began: When all of it began (`time.monotonic`), for the elapsed time.
         width: How many run side by side.
 
     Yields:
@@ -73,35 +73,35 @@ def ended(jobs: Sequence[Job], *, began: float, width: int = 2) -> Generator[Job
     Raises:
         ChildProcessError: If one fails. Its last lines are on standard error; the others have been ended.
     """
-    waiting, running = deque(jobs), dict[Job, tuple[subprocess.Popen, float]]()
+    waiting, running = deque(commands), dict[Command, tuple[subprocess.Popen, float]]()
     try:
         while waiting or running:
             while waiting and len(running) < width:
-                job = waiting.popleft()
-                running[job] = _start(job), time.monotonic()
+                command = waiting.popleft()
+                running[command] = _start(command), time.monotonic()
             time.sleep(0.1)
-            for job, (process, started) in list(running.items()):
+            for command, (process, started) in list(running.items()):
                 if process.poll() is None:
                     continue
-                del running[job]
+                del running[command]
                 if process.returncode != 0:
-                    raise _failure(job, process.returncode)
+                    raise _failure(command, process.returncode)
                 _show("")
                 now = time.monotonic()
-                print(f"[{clock(now - began)}] {job.label}: {clock(now - started)}", flush=True)
-                yield job
+                print(f"[{clock(now - began)}] {command.label}: {clock(now - started)}", flush=True)
+                yield command
             _show(f"[{clock(time.monotonic() - began)}] " + " | ".join(map(_status, running)))
     finally:
         _show("")
         _end([process for process, _ in running.values()])
 
 
-def _start(job: Job) -> subprocess.Popen:
-    job.log.parent.mkdir(parents=True, exist_ok=True)
+def _start(command: Command) -> subprocess.Popen:
+    command.log.parent.mkdir(parents=True, exist_ok=True)
     settings = {"OMP_NUM_THREADS": "1", "HF_HUB_OFFLINE": "1", "HF_DATASETS_DISABLE_PROGRESS_BARS": "1"}
-    with job.log.open("wb") as log:
+    with command.log.open("wb") as log:
         return subprocess.Popen(
-            job.command,
+            command.words,
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=subprocess.STDOUT,
@@ -130,10 +130,10 @@ def _end(processes: Sequence[subprocess.Popen]) -> None:
             process.wait()
 
 
-def _status(job: Job) -> str:
-    """How far a job is."""
-    *_, last = [None, *job.progress.finditer(_tail(job.log))]
-    return f"{job.label}: starting" if last is None else f"{job.label}: {last['done']} of {last['total']}"
+def _status(command: Command) -> str:
+    """How far a command is."""
+    *_, last = [None, *command.progress.finditer(_tail(command.log))]
+    return f"{command.label}: starting" if last is None else f"{command.label}: {last['done']} of {last['total']}"
 
 
 def _tail(log: Path, size: int = 8192) -> str:
@@ -142,10 +142,10 @@ def _tail(log: Path, size: int = 8192) -> str:
         return file.read().decode(errors="replace")
 
 
-def _failure(job: Job, status: int) -> ChildProcessError:
-    lines = [line for line in _tail(job.log).replace("\r", "\n").splitlines() if line.strip()]
+def _failure(command: Command, status: int) -> ChildProcessError:
+    lines = [line for line in _tail(command.log).replace("\r", "\n").splitlines() if line.strip()]
     print("\n".join(lines[-LAST_LINES:]), file=sys.stderr)
-    return ChildProcessError(f"{job.label} failed with exit status {status}; all it printed is in {job.log}")
+    return ChildProcessError(f"{command.label} failed with exit status {status}; all it printed is in {command.log}")
 
 
 def _show(line: str) -> None:

@@ -1,4 +1,4 @@
-"""Text for people and terminals."""
+"""Text for people, in a terminal as on a page."""
 
 from collections.abc import Sequence
 

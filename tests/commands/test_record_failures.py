@@ -37,15 +37,21 @@ def last_line(typed):
     return last_line
 
 
-def test_a_full_disk_is_one_line_and_loses_nothing(tmp_path, last_line):
+def test_a_full_disk_is_one_line_and_loses_nothing(tmp_path, last_line, monkeypatch):
     root = tmp_path / "slalom"
     folder = staging.staging_folder(root)
-    folder.mkdir()
-    full = folder / f"writing_000001_{os.getpid()}.npz"
-    full.symlink_to("/dev/full")
-    assert last_line(root) == f"[Errno 28] No space left on device; {KEPT}"
-    assert staging.staged(folder) == {0} and not root.exists()
-    full.unlink()
+    save = np.savez_compressed
+
+    def on_a_full_disk(archive, **arrays):
+        if "episode_000001" not in archive.name:
+            return save(archive, **arrays)
+        with open("/dev/full", "wb") as full:
+            save(full, **arrays)
+
+    monkeypatch.setattr(np, "savez_compressed", on_a_full_disk)
+    assert last_line(root) == f"[Errno 28] No space left on device: '{folder / 'episode_000001.npz'}'; {KEPT}"
+    assert {file.name for file in folder.iterdir()} == {"settings.json", "episode_000000.npz"} and not root.exists()
+    monkeypatch.undo()
     record(config(root))
     assert LeRobotDataset("me/slalom", root=root).num_episodes == 2
 

@@ -7,18 +7,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lerobot_gloves.demo.evaluation import CHUNK_LOG, Method, Result, Setting
+from lerobot_gloves.demo.evaluation import CHUNK_LOG, Comparison, PlayedRun, Run
 from lerobot_gloves.tasks.slalom.environment import Slalom
 from lerobot_gloves.tasks.slalom.expert import SlalomExpert
 
-RAW, CORRECTED = Method("raw", "raw agent", recorded=True), Method("feeg_gate", "FEEG + gate", recorded=True)
+RAW, CORRECTED = Run("raw", "raw agent", recorded=True), Run("feeg_gate", "FEEG + gate", recorded=True)
 
 
-def setting(folder: Path, episodes: int = 2) -> Setting:
-    return Setting(Path("agent"), "noised:sigma=0.005", episodes, 10000, folder)
+def comparison(folder: Path, episodes: int = 2) -> Comparison:
+    return Comparison(Path("agent"), "noised:sigma=0.005", episodes, 10000, folder)
 
 
-def played(method: Method, seeds: list[int], *, straight: bool = False) -> Result:
+def played(run: Run, seeds: list[int], *, straight: bool = False) -> PlayedRun:
     """The expert's episodes, or those of somebody who goes straight ahead into the first pillar."""
     successes, actions, observed = [], [], []
     for seed in seeds:
@@ -36,10 +36,10 @@ def played(method: Method, seeds: list[int], *, straight: bool = False) -> Resul
         successes.append(info["is_success"])
         actions.append(np.array(steps))
         observed.append(np.array(states))
-    return Result(method, successes, actions, observed)
+    return PlayedRun(run, successes, actions, observed)
 
 
-def leave(result: Result, folder: Path) -> None:
+def leave(result: PlayedRun, folder: Path) -> None:
     """Write a run's files."""
     metrics = {"successes": result.successes}
     (folder / "recordings").mkdir(parents=True)

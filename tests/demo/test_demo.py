@@ -9,7 +9,7 @@ from safetensors import safe_open
 
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.commands import demo as command
-from lerobot_gloves.commands.demo import DemoConfig, methods
+from lerobot_gloves.commands.demo import DemoConfig, runs
 from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR, evaluation
 from lerobot_gloves.demo.evaluation import CHUNK_LOG
 from tests.builders import load, save_policy
@@ -47,7 +47,7 @@ def test_the_packaged_expert_flow_is_calibrated_for_the_demo():
 
 def test_the_rows_of_the_table():
     cfg = DemoConfig(fpas="fpas:iterations=2", feeg="feeg:start=0.2", gated_feeg="feeg:start=0.6", alpha=0.1)
-    raw, fpas, feeg, gated = methods(cfg, Path("flow"))
+    raw, fpas, feeg, gated = runs(cfg, Path("flow"))
     assert raw.options == ()
     assert "--policy.adapter=flow" in fpas.options and f"--policy.method={cfg.fpas}" in fpas.options
     gate = {"--policy.gate=true", "--policy.alpha=0.1"}

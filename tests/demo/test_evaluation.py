@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from lerobot_gloves.demo.evaluation import ROLLED_OUT, Method, evaluation, perturbation_options, read
-from tests.demo.episodes import CORRECTED, RAW, leave, played, setting
+from lerobot_gloves.demo.evaluation import ROLLED_OUT, Run, evaluation, perturbation_options, read
+from tests.demo.episodes import CORRECTED, RAW, comparison, leave, played
 
 
 @pytest.mark.parametrize(
@@ -25,10 +25,10 @@ def test_a_run_starts_afresh_and_leaves_other_runs_alone(tmp_path):
     (tmp_path / "fpas").mkdir()
     (tmp_path / "fpas" / "chunks.jsonl").write_text("of another run")
     (tmp_path / "feeg").mkdir()
-    job = evaluation(setting(tmp_path), Method("fpas", "FPAS", ["--policy.method=fpas"]))
+    command = evaluation(comparison(tmp_path), Run("fpas", "FPAS", ["--policy.method=fpas"]))
     assert not (tmp_path / "fpas").exists() and (tmp_path / "feeg").exists()
-    assert job.log == tmp_path / "fpas.log"
-    assert {"--policy.method=fpas", "--seed=10000", "--eval.n_episodes=2", "--eval.batch_size=2"} <= set(job.command)
+    assert command.log == tmp_path / "fpas.log"
+    assert {"--policy.method=fpas", "--seed=10000", "--eval.n_episodes=2", "--eval.batch_size=2"} <= set(command.words)
 
 
 @pytest.mark.parametrize("episodes", [1, 2])
@@ -39,7 +39,7 @@ def test_what_a_run_left_is_read_back(tmp_path, episodes):
         {"episode": 0, "step": 10, "length": 10, "edited": False, "distance": 0.0},
     ]
     leave(result, tmp_path / CORRECTED.name)
-    found = read(setting(tmp_path, episodes), CORRECTED)
+    found = read(comparison(tmp_path, episodes), CORRECTED)
     assert found.successes == result.successes == [True] * episodes
     for mine, theirs in zip(found.actions, result.actions, strict=True):
         np.testing.assert_array_equal(mine, theirs)
@@ -51,16 +51,16 @@ def test_what_a_run_left_is_read_back(tmp_path, episodes):
 
 def test_the_raw_agent_has_no_chunk_log(tmp_path):
     leave(played(RAW, [10000, 10001]), tmp_path / RAW.name)
-    found = read(setting(tmp_path), RAW)
+    found = read(comparison(tmp_path), RAW)
     assert found.intervention_rate is None and found.distance is None
 
 
 def test_only_some_runs_are_recorded(tmp_path):
-    assert "--eval.recording=true" in evaluation(setting(tmp_path), RAW).command
-    brief = Method("feeg", "FEEG")
-    assert not any("recording" in option for option in evaluation(setting(tmp_path), brief).command)
+    assert "--eval.recording=true" in evaluation(comparison(tmp_path), RAW).words
+    brief = Run("feeg", "FEEG")
+    assert not any("recording" in option for option in evaluation(comparison(tmp_path), brief).words)
     leave(played(RAW, [10000, 10001]), tmp_path / "feeg")
-    found = read(setting(tmp_path), brief)
+    found = read(comparison(tmp_path), brief)
     assert found.successes == [True, True] and found.actions == [] == found.set_points_and_tips
 
 

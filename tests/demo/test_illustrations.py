@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from lerobot_gloves.demo import illustrations, picture, video
-from lerobot_gloves.demo.evaluation import Result
+from lerobot_gloves.demo.evaluation import PlayedRun
 from lerobot_gloves.demo.replay import Path2d
-from tests.demo.episodes import CORRECTED, RAW, played, setting
+from tests.demo.episodes import CORRECTED, RAW, comparison, played
 
 SEEDS = [10000, 10001]
 
@@ -31,13 +31,13 @@ def test_the_picture_shows_every_path_and_what_became_of_it():
 
 def test_the_picture_is_made_from_the_recorded_episodes(tmp_path):
     illustrations.draw_paths(
-        setting(tmp_path), played(RAW, SEEDS, straight=True), played(CORRECTED, SEEDS), tmp_path / "p.png"
+        comparison(tmp_path), played(RAW, SEEDS, straight=True), played(CORRECTED, SEEDS), tmp_path / "p.png"
     )
     assert (tmp_path / "p.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_edits_by_step():
-    result = Result(CORRECTED, [True], [np.zeros((7, 2))], [], [
+    result = PlayedRun(CORRECTED, [True], [np.zeros((7, 2))], [], [
         {"episode": 0, "step": 0, "length": 3, "edited": False},
         {"episode": 0, "step": 3, "length": 3, "edited": True},
         {"episode": 1, "step": 0, "length": 7, "edited": True},
@@ -53,7 +53,7 @@ def test_the_video_shows_the_first_rescued_episode_and_says_so(tmp_path, monkeyp
     monkeypatch.setattr(video, "write", lambda *arguments: written.append(arguments))
     raw, corrected = played(RAW, SEEDS, straight=True), played(CORRECTED, SEEDS)
     raw.successes[:chosen] = [True] * chosen  # as if it had not failed there
-    note = illustrations.write_video(setting(tmp_path), raw, corrected, tmp_path / "v.mp4")
+    note = illustrations.write_video(comparison(tmp_path), raw, corrected, tmp_path / "v.mp4")
     # Seed 10000 + i asks for corridor (10000 + i) % 24 = 16 + i: 16 = 1 x 12 + 1 x 4 + 0.
     mode = ["1 1 0", "1 1 1"][chosen]
     expected = (
@@ -68,5 +68,5 @@ def test_the_video_shows_the_first_rescued_episode_and_says_so(tmp_path, monkeyp
 def test_without_a_rescued_episode_there_is_no_video(tmp_path):
     (tmp_path / "v.mp4").write_text("of an earlier run")
     raw = played(RAW, SEEDS)
-    note = illustrations.write_video(setting(tmp_path), raw, played(CORRECTED, SEEDS), tmp_path / "v.mp4")
+    note = illustrations.write_video(comparison(tmp_path), raw, played(CORRECTED, SEEDS), tmp_path / "v.mp4")
     assert note.startswith("No video: in no episode") and not (tmp_path / "v.mp4").exists()

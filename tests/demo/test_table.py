@@ -1,11 +1,11 @@
 import pytest
 
-from lerobot_gloves.demo.evaluation import Method, Result
+from lerobot_gloves.demo.evaluation import PlayedRun, Run
 from lerobot_gloves.demo.table import table
 
 
 def result(label, successes, chunks=()):
-    return Result(Method(label, label), successes, [], [], list(chunks))
+    return PlayedRun(Run(label, label), successes, [], [], list(chunks))
 
 
 def test_every_cell():

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_gloves.demo import PACKAGED, training
+from lerobot_gloves.demo import PACKAGED, PAIR, pipeline
+from lerobot_gloves.demo.export import describe
 from lerobot_gloves.demo.training import Training, train_pair
 from tests.builders import save_policy
 
@@ -17,31 +18,31 @@ class KilledError(Exception):
 
 @pytest.fixture
 def play(tmp_path, monkeypatch):
-    """Plays `train_pair` with commands that only leave the files that theirs would; returns the jobs that ran."""
-    monkeypatch.setattr(training, "console_script", lambda name: name)
+    """Plays `train_pair` with commands that only leave the files that theirs would; returns those that ran."""
+    monkeypatch.setattr(pipeline, "console_script", lambda name: name)
     what = Training(tmp_path / "out", demonstrations=48, steps=20)
 
-    def leave(job):
-        if job.label == "recording":
-            (what.dataset / "meta").mkdir(parents=True)
-            (what.dataset / "meta" / "info.json").write_text("{}")
-        elif job.label == "calibration":
+    def leave(command):
+        if command.label == "recording":
+            (what.dataset.root / "meta").mkdir(parents=True)
+            (what.dataset.root / "meta" / "info.json").write_text("{}")
+        elif command.label == "calibration":
             (what.root / "expert_flow" / "calibration.safetensors").write_bytes(b"scores")
         else:
-            name = job.label.replace(" ", "_")
+            name = command.label.replace(" ", "_")
             checkpoint(what, name, step=20)
 
     def play(what=what, *, killed_in=None):
         ran = []
 
-        def run(jobs, *, began):
-            ran.extend(jobs)
-            for job in jobs:
-                if job.label == killed_in:
+        def run(commands, *, began):
+            ran.extend(commands)
+            for command in commands:
+                if command.label == killed_in:
                     raise KilledError
-                leave(job)
+                leave(command)
 
-        monkeypatch.setattr(training, "run", run)
+        monkeypatch.setattr(pipeline, "run", run)
         try:
             train_pair(what, began=0.0)
         except KilledError:
@@ -55,7 +56,7 @@ def play(tmp_path, monkeypatch):
 def checkpoint(what: Training, name: str, step: int) -> Path:
     """A checkpoint of a training run of 20 steps."""
     kind = {"agent": "gloves_flow_policy", "expert_flow": "gloves_expert_flow"}[name]
-    checkpoints = what.run_folder(name) / "checkpoints"
+    checkpoints = what.train(name).folder / "checkpoints"
     folder = save_policy(checkpoints / f"{step:06d}" / "pretrained_model", kind)
     (folder / "train_config.json").write_text(json.dumps({"steps": 20, "output_dir": "here"}))
     state = folder.parent / "training_state" / "training_step.json"
@@ -66,8 +67,8 @@ def checkpoint(what: Training, name: str, step: int) -> Path:
     return folder
 
 
-def labels(jobs):
-    return [job.label for job in jobs]
+def labels(commands):
+    return [command.label for command in commands]
 
 
 def test_all_stages_in_order_and_none_of_them_twice(play):
@@ -89,32 +90,32 @@ def test_it_goes_on_in_the_stage_in_which_it_was_killed(play, stage):
 def test_training_goes_on_from_its_last_checkpoint(play):
     play(killed_in="agent")
     checkpoint(play.what, "agent", step=10)
-    jobs = {job.label: job.command for job in play()}
-    assert "--resume=true" in jobs["agent"]
-    assert f"--config_path={play.what.checkpoint('agent') / 'train_config.json'}" in jobs["agent"]
-    assert "--resume=true" not in jobs["expert flow"]
-    assert f"--config_path={PACKAGED / 'expert_flow.yaml'}" in jobs["expert flow"]
+    commands = {command.label: command.words for command in play()}
+    assert "--resume=true" in commands["agent"]
+    assert f"--config_path={play.what.train('agent').checkpoint / 'train_config.json'}" in commands["agent"]
+    assert "--resume=true" not in commands["expert flow"]
+    assert f"--config_path={PACKAGED / 'expert_flow.yaml'}" in commands["expert flow"]
 
 
 def test_a_half_written_checkpoint_does_not_count(play):
     play(killed_in="agent")
     checkpoint(play.what, "agent", step=10)
-    (play.what.run_folder("agent") / "checkpoints" / "000020" / "pretrained_model").mkdir(parents=True)
-    assert training.steps_done(play.what.run_folder("agent")) == 10
-    assert "--resume=true" in {job.label: job.command for job in play()}["agent"]
+    (play.what.train("agent").folder / "checkpoints" / "000020" / "pretrained_model").mkdir(parents=True)
+    assert play.what.train("agent").taken == 10
+    assert "--resume=true" in {command.label: command.words for command in play()}["agent"]
 
 
 def test_a_run_without_checkpoint_begins_anew(play):
     play(killed_in="agent")
-    (play.what.run_folder("agent") / "half").mkdir(parents=True)
+    (play.what.train("agent").folder / "half").mkdir(parents=True)
     play(killed_in="agent")
-    assert not (play.what.run_folder("agent") / "half").exists()  # lerobot-train refuses an existing folder
+    assert not (play.what.train("agent").folder / "half").exists()  # lerobot-train refuses an existing folder
 
 
 def test_a_recording_that_was_not_cleaned_up_is_finished_first(play):
     play()
     (play.what.root / "dataset.staging").mkdir()
-    assert not training.is_recorded(play.what.dataset)
+    assert not play.what.record.done
 
 
 def test_another_pair_is_not_mistaken_for_this_one(play):
@@ -132,3 +133,7 @@ def test_the_recipe_names_no_place_of_this_machine(tmp_path):
     assert "--config_path=lerobot_gloves/demo/agent.yaml" in commands[1]
     assert commands[3][3:] == ["outputs/demo/training/agent/checkpoints/last/pretrained_model", "outputs/demo/agent"]
     assert '--scores=["reverse:steps=1", "reverse:steps=5"]' in commands[5]
+
+
+def test_the_recipe_of_the_packaged_pair_is_this_one(tmp_path):
+    assert describe(PACKAGED, PAIR, Training(tmp_path).recipe()) == (PACKAGED / "README.md").read_text()

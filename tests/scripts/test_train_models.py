@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
+from lerobot_gloves.demo import pipeline
 from scripts import train_models
 from scripts.train_models import Models
 
@@ -23,18 +25,20 @@ def write_checkpoint(run: Path, step: int) -> None:
 
 @pytest.fixture
 def made(monkeypatch, tmp_path):
-    """The labels of the commands in order; each leaves behind what it would make."""
+    """The commands in order; each leaves behind what it would make."""
     for folder in ("configs", "lerobot_gloves"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     monkeypatch.chdir(tmp_path)
-    labels = []
+    commands = []
 
-    def run(jobs, *, began):
-        for job in jobs:
-            labels.append(job.label)
-            options = dict(option.removeprefix("--").split("=", 1) for option in job.command if option.startswith("--"))
+    def run(given, *, began):
+        for command in given:
+            commands.append(command)
+            words = command.words
+            options = dict(option.removeprefix("--").split("=", 1) for option in words if option.startswith("--"))
             if folder := options.get("output_dir"):
-                write_checkpoint(Path(folder), int(options["steps"]))
+                configured = yaml.safe_load(Path(options["config_path"]).read_text())["steps"]
+                write_checkpoint(Path(folder), int(options.get("steps", configured)))
             elif "policy.path" in options:
                 (Path(options["policy.path"]) / CALIBRATION_NAME).touch()
             else:
@@ -42,15 +46,19 @@ def made(monkeypatch, tmp_path):
                 info.parent.mkdir(parents=True)
                 info.write_text(json.dumps({}))
 
-    monkeypatch.setattr(train_models, "run", run)
-    return labels
+    monkeypatch.setattr(pipeline, "run", run)
+    return commands
+
+
+def labels(commands) -> list[str]:
+    return [command.label for command in commands]
 
 
 def test_every_model_is_made_after_what_it_needs_and_only_once(made):
     everything = list(train_models.MODELS)
     Models("keypad", None, 1).make(everything)
     sources = [f"recording agent_{source}" for source in ("none", "noised", "laggy", "slow", "shift")]
-    assert made == [
+    assert labels(made) == [
         "recording state",
         *("agent", "expert_flow", "ddpm_assist", "csa_teacher"),
         *("calibration of expert_flow", "csa_student"),
@@ -61,37 +69,48 @@ def test_every_model_is_made_after_what_it_needs_and_only_once(made):
     assert len(made) == 15
     (Path("outputs/keypad/expert_flow/checkpoints/last/pretrained_model") / CALIBRATION_NAME).unlink()
     Models("keypad", None, 1).make(everything)
-    assert made[15:] == ["calibration of expert_flow"]
+    assert labels(made[15:]) == ["calibration of expert_flow"]
 
 
 def test_charger_has_fewer_proposals_to_each_of_the_experts(made):
     for task, options in (("keypad", set()), ("charger", {"--dataset.num_episodes=100"})):
-        [job] = Models(task, None, 1).record_proposals("slow", "slow:alpha=0.5,p=1.0")
-        assert "--perturbation=slow:alpha=0.5,p=1.0" in job.command
-        assert {one for one in job.command if one.startswith("--dataset.num_episodes")} == options
+        words = Models(task, None, 1).record_proposals("slow", "slow:alpha=0.5,p=1.0").words
+        assert "--perturbation=slow:alpha=0.5,p=1.0" in words
+        assert {one for one in words if one.startswith("--dataset.num_episodes")} == options
 
 
 def test_slaloms_pair_ships(made):
     Models("slalom", 20, 1).make(list(train_models.MODELS))
-    assert {"agent", "expert_flow", "calibration of expert_flow"}.isdisjoint(made)
-    assert made[1:4] == ["ddpm_assist", "csa_teacher", "csa_student"]
+    assert {"agent", "expert_flow", "calibration of expert_flow"}.isdisjoint(labels(made))
+    assert labels(made[1:4]) == ["ddpm_assist", "csa_teacher", "csa_student"]
 
 
 def test_an_ablation_is_trained_in_its_own_environment_by_its_tasks_configurations(made):
     models = Models("charger_hidden", None, 1)
-    [job] = models.record("state")
-    assert {"--env.type=gloves_charger", "--env.hide_receptacle=true"} < set(job.command)
-    [job] = models.train("agent")
-    assert "--config_path=configs/cpu/charger_agent.yaml" in job.command
-    assert "--output_dir=outputs/charger_hidden/agent" in job.command
+    assert {"--env.type=gloves_charger", "--env.hide_receptacle=true"} < set(models.record("state").words)
+    words = set(models.train("agent").words)
+    assert {"--config_path=configs/cpu/agent.yaml", "--output_dir=outputs/charger_hidden/agent"} < words
+    assert {"--policy.chunk_size=2", "--batch_size=64", "--steps=15000"} < words
     models.make(list(train_models.MODELS))
-    assert made == ["recording state", "agent", "expert_flow", "calibration of expert_flow"]
+    assert labels(made) == ["recording state", "agent", "expert_flow", "calibration of expert_flow"]
 
 
 def test_a_training_goes_on_from_its_last_checkpoint(made):
     run = Path("outputs/keypad/agent")
     write_checkpoint(run, 2000)
-    [job] = Models("keypad", None, 1).train("agent")
-    assert "--resume=true" in job.command
-    assert f"--config_path={run / 'checkpoints' / 'last' / 'pretrained_model' / 'train_config.json'}" in job.command
-    assert Models("keypad", 2000, 1).train("agent") == []
+    last = run / "checkpoints" / "last" / "pretrained_model" / "train_config.json"
+    agent = Models("keypad", None, 1).train("agent")
+    assert not agent.done
+    assert {"--resume=true", f"--config_path={last}", "--steps=10000"} < set(agent.begin())
+    assert Models("keypad", 2000, 1).train("agent").done
+
+
+def test_every_model_is_trained_on_its_data_and_the_student_by_its_teacher(made):
+    Models("keypad", None, 1).make(list(train_models.MODELS))
+    trained = {command.label: command.words for command in made if "lerobot-train" in command.words[0]}
+    assert list(trained) == ["agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow"]
+    for model, words in trained.items():
+        data = "keypad_align" if model == "align_flow" else "keypad_state"
+        assert {f"--dataset.repo_id=gloves/{data}", f"--dataset.root=outputs/datasets/{data}"} < set(words)
+        assert any("--policy.teacher" in word for word in words) == (model == "csa_student")
+    assert "--policy.teacher=outputs/keypad/csa_teacher/checkpoints/last/pretrained_model" in trained["csa_student"]

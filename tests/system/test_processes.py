@@ -7,13 +7,13 @@ import time
 
 import pytest
 
-from lerobot_gloves.system.processes import Job, clock, console_script, run
+from lerobot_gloves.system.processes import Command, clock, console_script, run
 
 COUNTED = re.compile(r"at (?P<done>\d+)/(?P<total>\d+)")
 
 
-def job(folder, label, program):
-    return Job(label, [sys.executable, "-c", program], folder / f"{label}.log", COUNTED)
+def command(folder, label, program):
+    return Command(label, [sys.executable, "-c", program], folder / f"{label}.log", COUNTED)
 
 
 def meet(folder, name, other):
@@ -33,15 +33,20 @@ Path({str(folder / name)!r}).rename({str(folder / f"{name} is over")!r})
 
 def test_two_run_side_by_side_and_the_third_waits(tmp_path, capsys):
     waits = f"from pathlib import Path; assert list(Path({str(tmp_path)!r}).glob('* is over')), 'all three run'"
-    jobs = [meet(tmp_path, "first", "second"), meet(tmp_path, "second", "first"), waits]
-    run([job(tmp_path, name, program) for name, program in zip("abc", jobs, strict=True)], began=time.monotonic())
+    commands = [meet(tmp_path, "first", "second"), meet(tmp_path, "second", "first"), waits]
+    run(
+        [command(tmp_path, name, program) for name, program in zip("abc", commands, strict=True)],
+        began=time.monotonic(),
+    )
     lines = capsys.readouterr().out.splitlines()
     assert sorted(re.sub(r"\d+:\d\d", "TIME", line) for line in lines) == [f"[TIME] {name}: TIME" for name in "abc"]
 
 
 def test_a_failure_ends_the_others_and_shows_its_last_lines(tmp_path, capfd):
-    lasting = job(tmp_path, "lasting", "import time; time.sleep(60)")
-    failing = job(tmp_path, "failing", "print(*range(30), sep='\\n', flush=True); raise ValueError('no such corridor')")
+    lasting = command(tmp_path, "lasting", "import time; time.sleep(60)")
+    failing = command(
+        tmp_path, "failing", "print(*range(30), sep='\\n', flush=True); raise ValueError('no such corridor')"
+    )
     before = time.monotonic()
     with pytest.raises(
         ChildProcessError, match=r"failing failed with exit status 1; all it printed is in .*failing\.log"
@@ -54,14 +59,17 @@ def test_a_failure_ends_the_others_and_shows_its_last_lines(tmp_path, capfd):
 
 
 def test_children_take_one_thread_and_leave_the_hub_alone(tmp_path):
-    run([job(tmp_path, "a", "import os; print(os.environ['OMP_NUM_THREADS'], os.environ['HF_HUB_OFFLINE'])")], began=0)
+    run(
+        [command(tmp_path, "a", "import os; print(os.environ['OMP_NUM_THREADS'], os.environ['HF_HUB_OFFLINE'])")],
+        began=0,
+    )
     assert (tmp_path / "a.log").read_text() == "1 1\n"
 
 
 def test_progress_is_shown_where_there_is_a_terminal(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     program = "import time; print('at 3/300\\rat 17/300', flush=True); time.sleep(3)"
-    run([job(tmp_path, "raw agent", program)], began=time.monotonic())
+    run([command(tmp_path, "raw agent", program)], began=time.monotonic())
     assert "raw agent: 17 of 300" in capsys.readouterr().out
 
 
@@ -71,9 +79,9 @@ def test_children_end_with_a_killed_parent(tmp_path):
     parent = f"""
 import re, signal, sys
 from pathlib import Path
-from lerobot_gloves.system.processes import Job, run
+from lerobot_gloves.system.processes import Command, run
 signal.signal(signal.SIGINT, signal.SIG_IGN)  # as for a command in the background
-run([Job("child", [sys.executable, "-c", {child!r}], Path({str(tmp_path / "log")!r}), re.compile("x"))], began=0)
+run([Command("child", [sys.executable, "-c", {child!r}], Path({str(tmp_path / "log")!r}), re.compile("x"))], began=0)
 """
     process = subprocess.Popen([sys.executable, "-c", parent])
     while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():
