@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # Builds the sdist and, from it, the wheel into dist/, checks both, and installs the wheel as a user would, far from this
 # checkout: without extras, where the plugin must load and `gloves` must answer, then with Slalom's, for `gloves demo`.
-# Needs Python 3.12 (python3.12 or python3), a package index, and about 8 GB under $TMPDIR for as long as it runs.
+# Needs Python 3.12 or later (python3.12 or python3), a package index, and about 8 GB under $TMPDIR for as long as it runs.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-python=$(command -v python3.12 || command -v python3)
+for python in python3.12 python3; do
+    "$python" -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && break
+done
 room=$(mktemp -d)
 trap 'rm -rf "$room"' EXIT
 
