@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help install lock lint test test-fast demo clean
+.PHONY: help install lock lint test test-fast demo wheel clean distclean
 
 BIN := .venv/bin
 STAMP := .venv/.installed
@@ -55,6 +55,13 @@ test-fast: install  ## The tests without those marked slow
 demo: install  ## See an imperfect policy get better (TRAIN=1: train the pair from nothing first)
 	$(BIN)/gloves demo $(if $(filter-out 0,$(TRAIN)),--train=true)
 
-clean:  ## Remove .venv, caches and build products; outputs/ stays
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache build dist
-	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+wheel:  ## Build wheel and sdist into dist/, and try the wheel in a bare environment
+	@bash scripts/system_libraries.sh
+	@bash scripts/check_wheel.sh
+
+clean:  ## Remove caches and build products; .venv and outputs/ stay
+	rm -rf .mypy_cache .ruff_cache .pytest_cache build dist
+	find . -path ./.venv -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean  ## Remove .venv as well
+	rm -rf .venv

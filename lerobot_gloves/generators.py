@@ -64,23 +64,23 @@ class Episodes:
     """Counts the episodes that a policy begins, since LeRobot's `reset()` says neither how many nor which.
 
     Attributes:
-        first: Number of the first environment's current episode; None between `reset` and `begin`.
+        first: Number of the first environment's episode since the last `begin`.
         batch_size: Environments that run side by side since the last `begin`.
     """
 
     def __init__(self) -> None:
-        self.first: int | None = None
-        self.batch_size = 0
+        self.first = self.batch_size = 0
         self._next = 0
+        self._running = False
 
     def reset(self) -> None:
         """The episodes that ran, if any, are over."""
-        self.first = None
+        self._running = False
 
     def begin(self, batch_size: int) -> bool:
         """Note that `batch_size` environments are running; True if these are new episodes."""
-        if self.first is not None and self.batch_size == batch_size:
+        if self._running and self.batch_size == batch_size:
             return False
-        self.first, self.batch_size = self._next, batch_size
+        self._running, self.first, self.batch_size = True, self._next, batch_size
         self._next += batch_size
         return True

@@ -16,8 +16,9 @@ from torch import Tensor
 from lerobot_gloves.generators import randn, spawn
 
 
+@dataclass
 class Perturbation(ABC):
-    """Something done to every chunk that an agent emits.
+    """Something done to every chunk that an agent emits: a dataclass of numbers.
 
     Example:
         >>> perturbation = Noised(sigma=0.005)

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 
@@ -54,3 +55,10 @@ def test_the_readmes_command_runs_as_it_stands(tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
     (task,) = json.loads((tmp_path / "eval_info.json").read_text())["per_task"]
     assert len(task["metrics"]["successes"]) == 2
+
+
+def test_the_citation_and_the_changelog_know_the_version():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1] == version
+    headings = re.findall(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert headings[:2] == ["Unreleased", version]

@@ -1,6 +1,7 @@
 """A velocity field conditioned on observations: context encoders, DiT, and the two bound together."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -50,7 +51,9 @@ class VelocityNetwork(nn.Module):
         self.states, self.cameras, self.goal = tuple(states), tuple(cameras), goal[0] if goal else None
         self.context_dropout, self.visual_dropout = context_dropout, visual_dropout
         self.state_encoder = StateEncoder(sum(states.values()), context_dim) if states else None
-        self.image_encoders = nn.ModuleList(ImageEncoder(context_dim) for _ in cameras)
+        # A ModuleList's type does not say what it holds.
+        encoders = nn.ModuleList(ImageEncoder(context_dim) for _ in cameras)
+        self.image_encoders = cast(Collection[ImageEncoder], encoders)
         self.goal_encoder = StateEncoder(goal[1] + sum(states.values()), context_dim) if goal else None
         self.null = nn.Parameter(torch.zeros(1, 1, context_dim))
         self.dit = DiT(action_dim, context_dim, **dit)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ The comments above the fields are what LeRobot's `--help` shows; it cannot read 
 
 from dataclasses import dataclass, field
 
-from lerobot.configs import NormalizationMode, PreTrainedConfig
+from lerobot.configs import NormalizationMode, PolicyFeature, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 
 
@@ -122,7 +122,8 @@ class FlowConfig(PreTrainedConfig):
             ValueError: If the action, the goal or everything to be conditioned on is missing.
         """
         features = self.input_features or {}
-        self.input_features = {key: value for key, value in features.items() if key not in self.exclude_features}
+        kept = {key: feature for key, feature in features.items() if key not in self.exclude_features}
+        self.input_features: dict[str, PolicyFeature] = kept
         if self.action_feature is None:
             raise ValueError(f"{self.type}: the data holds no 'action', only {_names(self.output_features)}")
         if self.goal is not None and self.goal not in self.input_features:

@@ -7,6 +7,7 @@ import logging
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Self, cast
 
 import torch
 from lerobot.configs import PreTrainedConfig
@@ -24,6 +25,8 @@ from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
 from .configuration_flow import FlowConfig
 
 RAW, AVERAGED = "network.", "ema.module."
+
+type Tensors = tuple[Tensor, ...] | list[Tensor]
 
 
 class FlowPolicy(PreTrainedPolicy):
@@ -67,8 +70,15 @@ class FlowPolicy(PreTrainedPolicy):
         self._episodes = Episodes()
         self.reset()
 
+    @property
+    def averaged(self) -> VelocityNetwork:
+        """The network with the averaged weights, which inference uses."""
+        return cast(VelocityNetwork, self.ema.module)
+
     @classmethod
-    def from_pretrained(cls, pretrained_name_or_path, *, config=None, **kwargs):
+    def from_pretrained(
+        cls, pretrained_name_or_path: str | Path, *, config: PreTrainedConfig | None = None, **kwargs: Any
+    ) -> Self:
         # The checkpoint brings all weights: knowing where from keeps the image encoders from fetching ImageNet's.
         if config is None:
             config = PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=kwargs.get("revision"))
@@ -89,7 +99,7 @@ class FlowPolicy(PreTrainedPolicy):
             self.calibration = None
 
     @classmethod
-    def _load_as_safetensor(cls, model: "FlowPolicy", model_file: str, map_location: str, strict: bool):
+    def _load_as_safetensor(cls, model: "FlowPolicy", model_file: str, map_location: str, strict: bool) -> "FlowPolicy":
         try:
             with safe_open(model_file, framework="pt") as file:
                 found = set(file.keys())
@@ -110,7 +120,7 @@ class FlowPolicy(PreTrainedPolicy):
             mismatch = str(error).strip().splitlines()[-1].strip()
             raise ValueError(f"{Path(model_file)} holds weights of another size: {mismatch}") from error
         if averaged_only:
-            model.network.load_state_dict(model.ema.module.state_dict())
+            model.network.load_state_dict(model.averaged.state_dict())
         return model
 
     def get_optim_params(self) -> list[dict]:
@@ -126,7 +136,7 @@ class FlowPolicy(PreTrainedPolicy):
         self.ema.update_parameters(self.network)
 
     @torch.no_grad()
-    def _average(self, averaged: list[Tensor], current: list[Tensor], updates: Tensor | int) -> None:
+    def _average(self, averaged: Tensors, current: Tensors, updates: Tensor | int) -> None:
         warm_up = (1 + int(updates)) / (10 + int(updates))
         torch._foreach_lerp_(averaged, current, 1 - min(self.config.ema_decay, warm_up))
 
@@ -138,7 +148,7 @@ class FlowPolicy(PreTrainedPolicy):
             reduction: "mean", or "none" for one loss per item.
         """
         mask = ~batch["action_is_pad"] if "action_is_pad" in batch else None
-        network = self.network if self.training else self.ema.module
+        network = self.network if self.training else self.averaged
         loss = self.loss(network.bind(batch), batch["action"], mask)
         return (loss.mean() if reduction == "mean" else loss), {}
 
@@ -152,7 +162,7 @@ class FlowPolicy(PreTrainedPolicy):
 
     def velocity(self, batch: Mapping[str, Tensor]) -> BoundVelocity:
         """The averaged network's velocity field, bound to the contexts of normalised observations."""
-        return self.ema.module.bind(batch, guidance=self.config.guidance)
+        return self.averaged.bind(batch, guidance=self.config.guidance)
 
     def reset(self) -> None:
         """A new episode begins in every environment."""
@@ -169,7 +179,7 @@ class FlowPolicy(PreTrainedPolicy):
             self._generators = spawn(self.config.seed, batch_size, first_episode=self._episodes.first, stream=self.name)
         shape = (batch_size, self.config.chunk_size, self.config.action_feature.shape[0])
         # Like a parameter, not like an activation: under autocast that would have half the precision.
-        noise = randn(shape, self._generators, like=next(self.ema.module.parameters()))
+        noise = randn(shape, self._generators, like=next(self.averaged.parameters()))
         return self.sample(velocity, noise)
 
     @torch.no_grad()

@@ -1,6 +1,6 @@
 """The baseline `csa_assist`: a diffusion teacher, its consistency student, and the student as an adapter."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -40,7 +40,7 @@ class CsaAssistPolicy(FlowPolicy):
     def __init__(self, config: CsaAssistConfig, **kwargs: object):
         super().__init__(config, **kwargs)
         if config.stage == "student" and not config.pretrained_path:
-            for network in (self.network, self.ema.module):
+            for network in (self.network, self.averaged):
                 network.load_state_dict(self.teacher.state_dict())
 
     @cached_property  # which keeps it beside the modules, not among them: it is not saved with the student
@@ -63,8 +63,8 @@ class CsaAssistPolicy(FlowPolicy):
         action = batch["action"]
         with torch.no_grad():
             teacher = Denoiser(self.teacher.to(action.device).bind(batch), self.config.noise)
-            target = self.denoiser(self.ema.module.bind(batch))
-        network = self.network if self.training else self.ema.module
+            target = self.denoiser(self.averaged.bind(batch))
+        network = self.network if self.training else self.averaged
         loss = distillation_loss(
             self.denoiser(network.bind(batch)),
             target,
@@ -108,24 +108,24 @@ class CsaAssistPolicy(FlowPolicy):
                 f"--policy.type=csa_assist --policy.stage=student --policy.teacher={path}, and take the student"
             )
         self.eval()
-        return BoundCsaAssist(self.denoiser(self.velocity(observation)))
+        return BoundCsaAssist(self.velocity(observation), self.denoiser)
 
 
 class BoundCsaAssist:
     """The consistency function of B contexts (see `lerobot_gloves.adapter.BoundAdapter`)."""
 
-    def __init__(self, student: Denoiser):
-        self.student = student
+    def __init__(self, network: BoundVelocity, denoiser: Callable[[BoundVelocity], Denoiser]):
+        self.network, self._denoiser = network, denoiser
 
     @property
     def evaluations(self) -> int:
-        return self.student.network.evaluations
+        return self.network.evaluations
 
     def select(self, rows: Tensor) -> "BoundCsaAssist":
-        return BoundCsaAssist(Denoiser(self.student.network.select(rows), self.student.noise, self.student.identity))
+        return BoundCsaAssist(self.network.select(rows), self._denoiser)
 
     def edit(self, proposal: Tensor, editor: CSA, **given: Any) -> Tensor:
-        return editor(proposal, Reference(self.student, **given))
+        return editor(proposal, Reference(self._denoiser(self.network), **given))
 
 
 def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
@@ -134,9 +134,10 @@ def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
     Raises:
         ValueError: If there is no such checkpoint, or none that this student could start from.
     """
-    option = f"--policy.teacher={student.teacher}"
+    path = str(student.teacher)
+    option = f"--policy.teacher={path}"
     try:
-        config = PreTrainedConfig.from_pretrained(student.teacher)
+        config = PreTrainedConfig.from_pretrained(path)
     except (FileNotFoundError, HFValidationError) as error:
         raise ValueError(f"{option} is no checkpoint's folder, nor one on the Hub in reach") from error
     if not isinstance(config, CsaAssistConfig) or config.stage != "teacher":
@@ -152,8 +153,8 @@ def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
                 f"{option} has {name}={theirs}, but the student has {ours}: they must agree, since the student starts "
                 "from the teacher's weights"
             )
-    config.pretrained_path, config.device = student.teacher, student.device
+    config.pretrained_path, config.device = path, student.device
     # Weights are drawn before they are loaded, but a resumed run's draws shall go on where they were.
     with torch.random.fork_rng(devices=[]):
-        policy = CsaAssistPolicy.from_pretrained(student.teacher, config=config)
-    return policy.ema.module.requires_grad_(False)
+        policy = CsaAssistPolicy.from_pretrained(path, config=config)
+    return policy.averaged.requires_grad_(False)

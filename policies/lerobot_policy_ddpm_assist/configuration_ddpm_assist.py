@@ -4,6 +4,7 @@ The comments above the fields are what LeRobot's `--help` shows; it cannot read 
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from lerobot.configs import PreTrainedConfig
 
@@ -32,7 +33,7 @@ class DdpmAssistConfig(FlowConfig):
     beta_max: float = 0.26
 
     # Leave it out: ancestral sampling takes all num_train_steps.
-    num_inference_steps: int | None = None
+    num_inference_steps: Any = None
     # Observations that the model is not conditioned on.
     exclude_features: list[str] = field(default_factory=lambda: ["observation.goal"])
 
@@ -47,6 +48,7 @@ class DdpmAssistConfig(FlowConfig):
                 f"ddpm_assist: beta_min is {self.beta_min} and beta_max is {self.beta_max}, but 0 < beta_min <= "
                 "beta_max < 1 must hold"
             )
+        # Typed as Any, since a flow's is a number and here none is left to choose.
         if self.num_inference_steps is not None:
             raise ValueError(
                 f"ddpm_assist: num_inference_steps is {self.num_inference_steps}, but sampling takes all "

@@ -6,7 +6,7 @@ product of 1 - beta_0 to 1 - beta_k. Even x_0 holds a trace of noise.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from lerobot_gloves.flow import VelocityField, mean_per_chunk
 from lerobot_gloves.generators import Generators, randn
 
 if TYPE_CHECKING:
-    from diffusers import DDPMScheduler
+    from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 
 
 def noise_scheduler(schedule: str, steps: int, beta_min: float, beta_max: float) -> "DDPMScheduler":
@@ -31,12 +31,13 @@ def noise_scheduler(schedule: str, steps: int, beta_min: float, beta_max: float)
         ImportError: If diffusers is not installed.
     """
     try:
-        from diffusers import DDPMScheduler
+        import diffusers
     except ImportError:
         raise ImportError(
             'ddpm_assist needs diffusers, of the extra ddpm: pip install "lerobot_policy_gloves[ddpm]"'
         ) from None
-    return DDPMScheduler(
+    scheduler = cast("type[DDPMScheduler]", diffusers.DDPMScheduler)  # typed as what it is without torch
+    return scheduler(
         num_train_timesteps=steps,
         beta_schedule=schedule,
         beta_start=beta_min,
@@ -73,7 +74,7 @@ class Diffusion:
 
     def noised(self, action: Tensor, noise: Tensor, step: Tensor) -> Tensor:
         """x_k, (N, T, A), of actions and noise of that shape, at steps k, integers (N,): the closed-form kernel."""
-        return self.scheduler.add_noise(action, noise, step)
+        return self.scheduler.add_noise(action, noise, cast(Any, step))
 
     def denoise(self, x: Tensor, steps: Iterable[int], generator: Generators) -> Tensor:
         """Ancestral steps: each of the `steps` k, in falling order, takes x_k (N, T, A) to x_{k-1}, or 0 to the action.
@@ -86,11 +87,11 @@ class Diffusion:
             steps: Adjacent steps.
             generator: Source of z; a sequence holds one for each of the N rows.
         """
-        # diffusers shares a generator out row by row if it is in a list, as `randn` does.
+        # diffusers shares a generator out row by row if it is in a list, as `randn` does. Its annotations do not tell.
         sources = generator if generator is None or isinstance(generator, torch.Generator) else list(generator)
         for k in steps:
             noise = self.predict(x, torch.full((len(x),), k, device=x.device))
-            x = self.scheduler.step(noise, k, x, generator=sources, return_dict=False)[0]
+            x = self.scheduler.step(noise, k, x, generator=cast(Any, sources), return_dict=False)[0]
         return x
 
 

@@ -15,7 +15,7 @@ from .diffusion import Diffusion, noise_prediction_loss, noise_scheduler
 from .editor import DDPM
 
 if TYPE_CHECKING:
-    from diffusers import DDPMScheduler
+    from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 
 
 class DdpmAssistPolicy(FlowPolicy):

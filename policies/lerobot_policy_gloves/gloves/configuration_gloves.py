@@ -6,10 +6,10 @@ The comments above the fields are what LeRobot's `--help` shows; it cannot read 
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import draccus
-from lerobot.configs import PreTrainedConfig
+from lerobot.configs import PolicyFeature, PreTrainedConfig
 
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
@@ -79,29 +79,30 @@ class GlovesConfig(PreTrainedConfig):
             raise ValueError(f"gloves: seed is {self.seed}, but must not be negative")
         if self.adapter is None and (self.gate or self.method not in (None, "none")):
             raise ValueError("gloves: --policy.method and --policy.gate need --policy.adapter, a trained checkpoint")
-        if isinstance(self.perturbation, Perturbation) and not isinstance(self.perturbation, PerturbationConfig):
+        given = cast("PerturbationConfig | Perturbation | None", self.perturbation)
+        if isinstance(given, Perturbation) and not isinstance(given, PerturbationConfig):
             # The library's own, from Python: draccus would save it without its name.
-            name = next(name for name, choice in PERTURBATIONS.items() if choice is type(self.perturbation))
-            self.perturbation = PerturbationConfig.get_choice_class(name)(**asdict(self.perturbation))
+            name = next(name for name, choice in PERTURBATIONS.items() if choice is type(given))
+            self.perturbation = PerturbationConfig.get_choice_class(name)(**asdict(given))
         if self.agent:
-            self.adopt_agent()
+            self._adopt(self.agent)
         super().__post_init__()
 
-    def adopt_agent(self) -> None:
+    def _adopt(self, agent: str) -> None:
         """Read the agent's configuration and take over what LeRobot asks a policy's configuration for."""
         # A plain attribute: draccus expands a field of this type into every registered policy, without end.
-        self.agent_config = checkpoint_config("policy.agent", self.agent, self.agent_overrides, self.agent_revision)
+        self.agent_config = checkpoint_config("policy.agent", agent, self.agent_overrides, self.agent_revision)
         if isinstance(self.agent_config, GlovesConfig):
-            raise ValueError(f"{self.agent} is a gloves wrapper already: leave out --policy.wrap, or name its agent")
-        self.agent_config.pretrained_path = self.agent
+            raise ValueError(f"{agent} is a gloves wrapper already: leave out --policy.wrap, or name its agent")
+        self.agent_config.pretrained_path = agent
         self.agent_config.pretrained_revision = self.agent_revision
-        self.input_features = dict(self.agent_config.input_features or {})
-        self.output_features = dict(self.agent_config.output_features or {})
-        self.device = self.device or self.agent_config.device
-        self.use_amp = self.use_amp or self.agent_config.use_amp
+        self.input_features: dict[str, PolicyFeature] = dict(self.agent_config.input_features or {})
+        self.output_features: dict[str, PolicyFeature] = dict(self.agent_config.output_features or {})
+        self.device: str = self.device or self.agent_config.device
+        self.use_amp: bool = self.use_amp or self.agent_config.use_amp
         self.n_obs_steps = self.agent_config.n_obs_steps
         if self.pretrained_path is None:
-            self.pretrained_path = PASSTHROUGH
+            self.pretrained_path: Path | None = PASSTHROUGH
 
     def __getattr__(self, name: str) -> Any:
         # LeRobot probes a policy's configuration for fields that only some have (rtc_config, n_action_steps, ...).

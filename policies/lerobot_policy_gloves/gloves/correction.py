@@ -46,9 +46,7 @@ class Correction:
     def spread(self, proposal: Tensor, rows: Tensor) -> "Correction":
         """The same for B proposals (B, n, A) of which only `rows`, bool (B,), were corrected; the others pass."""
 
-        def spread(values: Tensor | None, fill: float) -> Tensor | None:
-            if values is None:
-                return None
+        def spread(values: Tensor, fill: float) -> Tensor:
             everywhere = values.new_full((len(rows),), fill)
             everywhere[rows] = values
             return everywhere
@@ -58,8 +56,8 @@ class Correction:
         return replace(
             self,
             action=action,
-            score=spread(self.score, torch.nan),
-            p_value=spread(self.p_value, torch.nan),
+            score=None if self.score is None else spread(self.score, torch.nan),
+            p_value=None if self.p_value is None else spread(self.p_value, torch.nan),
             edited=spread(self.edited, False),
             distance=spread(self.distance, 0.0),
             evaluations=spread(self.evaluations, 0.0),
@@ -69,23 +67,25 @@ class Correction:
 class Corrector:
     """Loads the adapter that a wrapper names and corrects proposals with it.
 
+    Args:
+        config: The wrapper's settings.
+        adapter: Folder or Hub id of the adapter, which they name.
+
     Raises:
         ValueError: If the adapter does not fit the agent, the method or the score is not one of its own, or it is not
             calibrated, or has no agent flow, where the gate, or the editor, needs it.
     """
 
-    def __init__(self, config: GlovesConfig):
-        adapter_config = checkpoint_config(
-            "policy.adapter", config.adapter, config.adapter_overrides, config.adapter_revision
-        )
-        adapter_config.pretrained_path = config.adapter
+    def __init__(self, config: GlovesConfig, adapter: str):
+        adapter_config = checkpoint_config("policy.adapter", adapter, config.adapter_overrides, config.adapter_revision)
+        adapter_config.pretrained_path = adapter
         adapter_config.pretrained_revision = config.adapter_revision
         check_fits(config, adapter_config)
         self.loaded = load_policy(adapter_config, config.device)
         self.adapter = self.loaded.policy.requires_grad_(False)
         if not isinstance(self.adapter, Adapter):
             raise ValueError(
-                f"{config.adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
+                f"{adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
         self.editor, self.score = choose(config, self.adapter)
@@ -96,17 +96,17 @@ class Corrector:
         self.thresholded = config.gate or getattr(self.editor, "needs_threshold", False)
         self.scored = self.score is not None and (config.gate or config.log is not None)
         self.specification = "" if self.score is None else specification(self.score, self.adapter.scores)
-        self.calibration = Calibration.load(config.adapter, config.adapter_revision)
+        self.calibration = Calibration.load(adapter, config.adapter_revision)
         self._gates: dict[int, ConformalGate] = {}
         if self.calibration is not None:
-            self.calibration.check(weights_hash(self.adapter.state_dict()))
+            self.calibration.check(weights_hash(self.loaded.policy.state_dict()))
         if not self.thresholded:
             return
         if self.calibration is None:
             what = "the gate" if config.gate else name_of(specification(self.editor, self.adapter.editors))
             raise ValueError(
-                f"{what} needs a calibration, and {config.adapter} has none: run gloves calibrate "
-                f"--policy.path={config.adapter} --dataset.repo_id=<held-out expert episodes>"
+                f"{what} needs a calibration, and {adapter} has none: run gloves calibrate "
+                f"--policy.path={adapter} --dataset.repo_id=<held-out expert episodes>"
             )
         guidance = getattr(adapter_config, "guidance", 1.0)
         if guidance != self.calibration.guidance:
@@ -128,7 +128,7 @@ class Corrector:
 
     def gate(self, length: int) -> ConformalGate | None:
         """The gate for proposals of that many actions, None if nobody needs one and the score is uncalibrated."""
-        if not self.thresholded and (self.calibration is None or self.specification not in self.calibration.scores):
+        if self.calibration is None or not (self.thresholded or self.specification in self.calibration.scores):
             return None
         if length not in self._gates:
             self._gates[length] = ConformalGate(self.calibration.of(self.specification, length), self.alpha)
@@ -166,9 +166,10 @@ class Corrector:
         batch = self.loaded.preprocess({**{k: v for k, v in named.items() if k in self.inputs}, "action": chunk})
         bound, chunk, gate = self.adapter.bind(batch), batch["action"], self.gate(length)
         score = bound.score(chunk, self.score, length=length) if self.scored else None
-        p_value = gate.p_value(score) if self.gated and gate is not None and score is not None else None
         # Masks stay on the CPU, where the actions are; they may index tensors on any device.
-        admitted = gate.admits(score).cpu() if p_value is not None else torch.zeros(len(chunk), dtype=torch.bool)
+        p_value, admitted = None, torch.zeros(len(chunk), dtype=torch.bool)
+        if self.gated and gate is not None and score is not None:
+            p_value, admitted = gate.p_value(score), gate.admits(score).cpu()
         evaluations = torch.full((len(chunk),), float(bound.evaluations))
         executed, distance = proposal.clone(), torch.zeros(len(chunk))
         edited = ~admitted if self.editor is not None else torch.zeros_like(admitted)

@@ -56,7 +56,7 @@ class GlovesPolicy(PreTrainedPolicy):
         self._tap = ChunkTap(self._agent.policy)
         # The adapter's weights are drawn before they are loaded, but the agent's noise shall be as without an adapter.
         with torch.random.fork_rng(devices=[]):
-            self._corrector = Corrector(config) if config.adapter else None
+            self._corrector = Corrector(config, config.adapter) if config.adapter else None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
         self._journal = Journal(config.log)
         self._episodes = Episodes()

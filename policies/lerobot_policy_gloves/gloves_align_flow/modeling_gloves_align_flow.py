@@ -78,7 +78,7 @@ class GlovesAlignFlowPolicy(FlowPolicy):
 
     def velocity(self, batch: Mapping[str, Tensor], source: str = SOURCES[0]) -> BoundVelocity:
         """The averaged network's field for a source, bound to the contexts of normalised observations."""
-        return self._bind(batch, self.ema.module.encode(batch), source)
+        return self._bind(batch, self.averaged.encode(batch), source)
 
     def agent_velocity(self, batch: Mapping[str, Tensor]) -> BoundVelocity:
         """v_u, bound to the contexts of normalised observations.
@@ -91,7 +91,7 @@ class GlovesAlignFlowPolicy(FlowPolicy):
     def _bind(self, batch: Mapping[str, Tensor], tokens: Tensor, source: str) -> BoundVelocity:
         index = torch.full(tokens.shape[:1], SOURCES.index(source), device=tokens.device)
         labelled = {**batch, LABEL: self._label(index, tokens)}
-        return self.ema.module.bind(labelled, guidance=self.config.guidance, tokens=tokens)
+        return self.averaged.bind(labelled, guidance=self.config.guidance, tokens=tokens)
 
     @staticmethod
     def _label(index: Tensor, like: Tensor) -> Tensor:
@@ -114,6 +114,6 @@ class GlovesAlignFlowPolicy(FlowPolicy):
         # Outside inference mode, so that FEEG may differentiate through what is made here.
         with torch.inference_mode(False):
             batch = {key: observation[key].clone() for key in self.config.input_features}
-            tokens = self.ema.module.encode(batch)
+            tokens = self.averaged.encode(batch)
             source = self.config.resolve_agent_source
             return BoundFlow(self._bind(batch, tokens, SOURCES[0]), lambda: self._bind(batch, tokens, source()))
