@@ -7,28 +7,13 @@ import pytest
 
 from lerobot_gloves.benchmark.cell import Cell
 from lerobot_gloves.benchmark.folder import PACKED, pack, read_rows
-from lerobot_gloves.benchmark.plan import Job, finished_cells, plan
+from lerobot_gloves.benchmark.plan import finished_cells
 from lerobot_gloves.benchmark.play import make_row
 from lerobot_gloves.benchmark.setup import Setup
 from lerobot_gloves.evaluation.episode import Episode
-from lerobot_gloves.tasks.slalom import SlalomEnv
-from tests.benchmark.rows import ROWS, loaded
+from tests.benchmark.rows import ROWS, loaded, planned, write
 
 RAW, GATED = Cell("none", "none", 0), Cell("noised:sigma=0.005", "feeg:start=0.5", 1, gate=True)
-
-
-@pytest.fixture
-def setup(agent: str, adapter: str) -> Setup:
-    return Setup(env=SlalomEnv(), agent=agent, adapter=adapter, episodes=2)
-
-
-def planned(setup: Setup, *cells: Cell) -> list[Job]:
-    return plan((setup, cell) for cell in cells)
-
-
-def write(folder: Path, setup: Setup, cell: Cell) -> None:
-    (job,) = planned(setup, cell)
-    make_row(job, seconds=1.0, episodes=[Episode(10000), Episode(10001)]).save(folder)
 
 
 def test_packed_rows_read_like_their_own(tmp_path: Path, setup: Setup) -> None:
