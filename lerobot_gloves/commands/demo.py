@@ -26,8 +26,9 @@ from lerobot_gloves.specification import parse
 from lerobot_gloves.system.files import whole
 from lerobot_gloves.system.interrupts import interrupts_ignored
 from lerobot_gloves.system.processes import clock, ended
+from lerobot_gloves.tasks.panda import arm_file, import_mujoco
 
-TABLE = "table.md"
+TASK, TABLE = "slalom", "table.md"
 
 
 # LeRobot's parser shows the comments above the options in --help; a list of them in the docstring would confuse it.
@@ -87,6 +88,7 @@ class DemoConfig:
 def demo(cfg: DemoConfig) -> None:
     """Run `gloves demo`."""
     began = time.monotonic()
+    import_mujoco(TASK), arm_file(TASK)  # what is missing shall not show in a command's traceback
     if cfg.train:
         scores = tuple(dict.fromkeys([cfg.fpas_score, cfg.score]))
         agent, expert_flow = train_pair(Training(cfg.output_dir, cfg.demonstrations, cfg.steps, scores), began=began)

@@ -96,6 +96,16 @@ def test_a_failed_run_is_one_line_and_its_log(monkeypatch, tmp_path, capfd):
     assert log.read_text() == capfd.readouterr().err == "the simulator is missing\n"
 
 
+def test_without_its_simulator_it_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.setattr(sys, "argv", ["gloves demo"])
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    assert str(ended.value) == "gloves demo: MuJoCo is not installed: pip install 'lerobot_policy_gloves[slalom]'"
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 def test_from_nothing_to_the_table(tmp_path):
     """Everything that `make demo TRAIN=1` does, in the smallest numbers."""
