@@ -34,7 +34,7 @@ class Smooth(Perturbation):
     """
 
     # Standard deviation, in raw action units.
-    sigma: float = 0.005
+    sigma: float = 0.003
     # Correlation time, in steps: after so many, the correlation has fallen to 1/e.
     tau: float = 10.0
 
