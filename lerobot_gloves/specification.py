@@ -1,6 +1,7 @@
 """Write a score or an editor in one word of a command line, and read it back: `feeg:start=0.5,steps=10`."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -64,6 +65,14 @@ def specification(instance: Any, choices: Mapping[str, type]) -> str:
     return f"{name}:{options}" if options else name
 
 
+def parts_of(text: str) -> list[str]:
+    """The specifications that `+` joins to a compound; a single specification is its own only part.
+
+    A plus before a digit belongs to a number, as in `sigma=1e+3`.
+    """
+    return re.split(r"\+(?!\d)", text)
+
+
 def name_of(text: str) -> str:
-    """The name in a specification, without its options."""
-    return text.partition(":")[0]
+    """The name in a specification, without its options; a compound's is `noised+laggy`."""
+    return "+".join(part.partition(":")[0] for part in parts_of(text))

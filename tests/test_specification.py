@@ -4,7 +4,7 @@ import pytest
 
 from lerobot_gloves.editors import FEEG, FPAS
 from lerobot_gloves.scores import SCORES, ReverseScore
-from lerobot_gloves.specification import parse, specification
+from lerobot_gloves.specification import name_of, parse, parts_of, specification
 
 EDITORS = {"fpas": FPAS, "feeg": FEEG}
 
@@ -60,3 +60,17 @@ def test_a_wrong_word_is_named_with_the_right_ones(text, message):
 def test_an_option_of_nothing_says_so():
     with pytest.raises(ValueError, match="has no option 'a': choose from none"):
         parse("bare:a=1", {"bare": Bare}, "score")
+
+
+@pytest.mark.parametrize(
+    ("text", "parts", "name"),
+    [
+        ("feeg:start=0.5", ["feeg:start=0.5"], "feeg"),
+        ("none", ["none"], "none"),
+        ("noised:sigma=1e+3+laggy:p=0.2", ["noised:sigma=1e+3", "laggy:p=0.2"], "noised+laggy"),
+        ("noised+", ["noised", ""], "noised+"),
+    ],
+)
+def test_a_compound_has_parts_and_their_names(text, parts, name):
+    assert parts_of(text) == parts
+    assert name_of(text) == name

@@ -56,7 +56,8 @@ class BenchConfig:
     score: str | None = None
     # Without a file: the gate's significance level; by default 0.05.
     alpha: float | None = None
-    # What is done to the agent: none, or specifications such as "laggy:p=0.2". With a file: labels, to run these only.
+    # What is done to the agent: none, or specifications such as "laggy:p=0.2"; "noised+laggy:p=0.2" is both, one after
+    # the other. With a file: labels, to run these only.
     perturbations: list[str] | None = None
     # How it is corrected: none for the raw agent, or editors such as "feeg:start=0.5"; "feeg:start=0.5+gate" is gated.
     # With a file: labels, to run these only.

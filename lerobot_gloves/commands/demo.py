@@ -36,7 +36,7 @@ TASK, TABLE = "slalom", "table.md"
 class DemoConfig:
     """Evaluate one policy raw and corrected under a perturbation; with --train=true make the policies first."""
 
-    # What makes the agent imperfect: noised, laggy, slow or shift, with its options.
+    # What makes the agent imperfect: a perturbation with its options, or several, as in noised+laggy:p=0.3.
     perturbation: str = "slow:alpha=0.25,p=0.75"
     # Options of FPAS, such as fpas:candidates=32.
     fpas: str = "fpas:sigma=0.2,align=0.0"

@@ -63,7 +63,7 @@ class RecordConfig:
     dataset: RecordedDatasetConfig
     # The policy whose proposals are recorded, a checkpoint's folder or Hub id; by default the task's scripted expert.
     agent: str | None = None
-    # What is done to the agent's chunks: none, or a specification such as "laggy:p=0.2".
+    # What is done to the agent's chunks: none, or noised, laggy, slow or shift with options, such as "laggy:p=0.2".
     perturbation: str = "none"
     # Environments that an agent plays side by side, at most 100. A recording that is killed loses at most one batch.
     batch_size: int = 30

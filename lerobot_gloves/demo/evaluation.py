@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from lerobot_gloves.perturbations import PERTURBATIONS
-from lerobot_gloves.specification import parse
+from lerobot_gloves.perturbations import CHOICES, parse_perturbation
 from lerobot_gloves.system.processes import Command, console_script
 
 CHUNK_LOG = "chunks.jsonl"
@@ -110,13 +109,15 @@ def evaluation(comparison: Comparison, run: Run) -> Command:
 
 
 def perturbation_options(specification: str) -> list[str]:
-    """Options of the wrapper for a perturbation, such as `noised:sigma=0.005`.
+    """Options of the wrapper for a perturbation, such as `noised:sigma=0.005`; none for `none`.
 
     Raises:
         ValueError: If it is not one; the message lists the valid ones.
     """
-    perturbation = parse(specification, PERTURBATIONS, "perturbation")
-    name = specification.partition(":")[0]
+    perturbation = parse_perturbation(specification)
+    if perturbation is None:
+        return []
+    name = next(name for name, choice in CHOICES.items() if choice is type(perturbation))
     values = [f"--policy.perturbation.{one.name}={getattr(perturbation, one.name)}" for one in fields(perturbation)]
     return [f"--policy.perturbation.type={name}", *values]
 

@@ -18,8 +18,7 @@ from torch import Tensor
 
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features
-from lerobot_gloves.perturbations import PERTURBATIONS
-from lerobot_gloves.specification import parse_optional, specification
+from lerobot_gloves.perturbations import parse_perturbation, written_out
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
     Args:
         env: The task.
         agent: Folder or Hub id of the policy.
-        perturbation: `none`, or a specification.
+        perturbation: `none`, or a specification, also of a compound.
         seed: Seed of the agent, the perturbation and the editor.
         **corrected: The wrapper's options for its adapter; without any the agent is not corrected.
 
@@ -68,7 +67,7 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
         agent=agent,
         # So that raw and adapted runs draw the same; an agent without a seed of its own has the global generators.
         agent_overrides=[f"--seed={seed}"] if hasattr(own, "seed") else [],
-        perturbation=parse_optional(perturbation, PERTURBATIONS, "perturbation"),
+        perturbation=parse_perturbation(perturbation),
         seed=seed,
         **corrected,
     )
@@ -97,7 +96,7 @@ def resolve_perturbation(text: str) -> str:
     Raises:
         ValueError: If it is not valid; the message lists what is.
     """
-    return specification(parse_optional(text, PERTURBATIONS, "perturbation"), PERTURBATIONS)
+    return written_out(parse_perturbation(text))
 
 
 def task_strings(env: gym.vector.SyncVectorEnv) -> list[str]:

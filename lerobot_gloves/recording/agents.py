@@ -24,7 +24,7 @@ from lerobot_gloves.evaluation.rollout import rollout
 from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
-from lerobot_gloves.recording.sources import agent_task
+from lerobot_gloves.recording.sources import SOURCES, agent_task
 from lerobot_gloves.recording.staging import StagedEpisode
 from lerobot_gloves.recording.workers import stage_all
 from lerobot_gloves.specification import name_of
@@ -36,7 +36,8 @@ class Agent:
 
     Attributes:
         checkpoint: Folder or Hub id of the policy.
-        perturbation: What is done to its chunks: `none`, or a specification such as `noised:sigma=0.005`.
+        perturbation: What is done to its chunks: `none`, or a specification such as `noised:sigma=0.005`, of those that
+            `SOURCES` has a label for.
         batch_size: Environments that run side by side.
     """
 
@@ -53,9 +54,15 @@ class Agent:
         """What its episodes depend on; the checkpoint counts by content, wherever it lies.
 
         Raises:
-            ValueError: If there is no such checkpoint, or the perturbation is not valid; the message lists what is.
+            ValueError: If there is no such checkpoint, or the perturbation is not valid, or has no label; the message
+                lists what is.
         """
         perturbation = resolve_perturbation(self.perturbation)
+        if self.source not in SOURCES[1:]:
+            raise ValueError(
+                f"perturbation {self.perturbation!r} cannot be recorded, as agents' datasets have no label for it: "
+                f"choose from {', '.join(SOURCES[1:])}"
+            )
         checkpoint_config("agent", self.checkpoint)
         content = checkpoint_hash(self.checkpoint)
         return {"agent": content, "perturbation": perturbation, "batch_size": self.batch_size}

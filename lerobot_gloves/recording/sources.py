@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from lerobot.datasets import LeRobotDatasetMetadata
 
 SOURCES = ("expert", "none", "noised", "laggy", "slow", "shift")
-"""Who made a chunk: the expert, the agent as it is, the agent under a perturbation. The order is the label's index."""
+"""Who made a chunk: the expert, the agent as it is, the agent under one of the paper's perturbations.
+
+The order is the label's index. Other perturbations, and compounds, have no label, so they cannot be recorded.
+"""
 
 _AGENT_TASK = re.compile(r"agent: (?P<source>\w+), chunks of (?P<length>\d+)")
 

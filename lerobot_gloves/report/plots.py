@@ -18,6 +18,7 @@ from lerobot_gloves.report.overall import Overall
 from lerobot_gloves.report.paper import COLUMNS
 from lerobot_gloves.report.summary import Result, Section
 from lerobot_gloves.report.tables import comparable
+from lerobot_gloves.specification import parts_of
 
 INK = "#0a0b0c"
 """Drawn nowhere else, so that a page can find it."""
@@ -243,5 +244,5 @@ def _percent(axes: Axes) -> None:
 
 def _wrapped(specification: str) -> str:
     """A perturbation's options below its name, so that neighbours do not run into each other."""
-    name, _, options = specification.partition(":")
-    return f"{name}\n{options}" if options else name
+    words = [part.partition(":") for part in parts_of(specification)]
+    return "\n+".join(f"{name}\n{options}" if options else name for name, _, options in words)

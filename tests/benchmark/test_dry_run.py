@@ -86,6 +86,18 @@ def test_a_method_that_cannot_work(
     assert "usage" not in capsys.readouterr().err
 
 
+def test_an_align_flow_that_is_told_a_compound(
+    agent: str, align_flow: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    method = (
+        f'{{adapter: {align_flow}, editor: ifae, options: {{adapter_overrides: ["--agent_source={{perturbation}}"]}}}}'
+    )
+    compound = FILE.replace("laggy: ", "both: ").replace("laggy:p=0.2", "noised:sigma=0.01+laggy:p=0.2")
+    monkeypatch.setattr(f"{__name__}.FILE", compound)
+    line = said(method, agent, tmp_path, monkeypatch)
+    assert "agent_source is 'noised+laggy': choose from none, noised, laggy, slow, shift" in line
+
+
 @pytest.mark.parametrize("extra", ["slalom", "keypad"])
 def test_an_unusable_simulator(extra: str, agent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether it is another version or not there, the line says what to install."""

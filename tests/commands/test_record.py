@@ -137,7 +137,15 @@ def test_the_command_on_an_agents_card_records_the_same(tmp_path):
         ({"perturbation": "slow"}, "perturbation 'slow' needs --agent: the expert is never perturbed"),
         ({"agent": "me/agent", "batch_size": 101}, "batch_size must lie between 1 and 100, not 101"),
         ({"agent": "/no/thing"}, "--agent=/no/thing is no checkpoint's folder"),
-        ({"agent": "/no/thing", "perturbation": "nosied"}, "unknown perturbation 'nosied': choose from laggy, noised"),
+        (
+            {"agent": "/no/thing", "perturbation": "nosied"},
+            "unknown perturbation 'nosied': choose from chatter, deadzone",
+        ),
+        (
+            {"agent": "me/agent", "perturbation": "rotated"},
+            "perturbation 'rotated' cannot be recorded, .*none, noised,",
+        ),
+        ({"agent": "me/agent", "perturbation": "slow+laggy:p=1"}, r"perturbation 'slow\+laggy:p=1' cannot be recorded"),
         ({"num_workers": 0}, "num_workers must be at least 1, not 0"),
     ],
 )

@@ -58,7 +58,7 @@ def test_the_rows_of_the_table():
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        (["--perturbation=jittery"], "unknown perturbation 'jittery': choose from laggy, noised, shift, slow"),
+        (["--perturbation=jittery"], "unknown perturbation 'jittery': choose from chatter, deadzone, delayed, dropped"),
         (["--feeg=fpas"], "unknown method 'fpas': choose from feeg"),
         (["--fpas=fpas:beam=3"], "method 'fpas' has no option 'beam': choose from"),
         (["--score=surprise"], "unknown score 'surprise': choose from reverse"),

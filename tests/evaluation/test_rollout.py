@@ -30,7 +30,13 @@ def setup_of(agent: str, adapter: str, **options: Any) -> Setup:
 
 @pytest.mark.parametrize(
     ("perturbation", "method"),
-    [("none", "none"), ("noised:sigma=0.005", "none"), ("laggy", "feeg:start=0.5"), ("noised", "feeg:start=0.5+gate")],
+    [
+        ("none", "none"),
+        ("noised:sigma=0.005", "none"),
+        ("laggy", "feeg:start=0.5"),
+        ("noised", "feeg:start=0.5+gate"),
+        ("noised:sigma=0.005+laggy:p=0.2", "feeg:start=0.5"),
+    ],
 )
 def test_same_episodes_as_lerobot_eval(agent: str, adapter: str, perturbation: str, method: str) -> None:
     """Success and steps, over a whole batch and one of which a part is dropped."""

@@ -87,6 +87,13 @@ def test_an_unknown_perturbation_is_refused_with_the_valid_ones(checkpoints, par
     assert "'noisy'" in last and all(name in last for name in ("noised", "laggy", "slow", "shift"))
 
 
+def test_a_wrong_part_of_a_compound_is_one_clear_line(checkpoints, parse_eval):
+    options = ["--policy.perturbation.type=compound", "--policy.perturbation.parts=noised+lagy"]
+    with pytest.raises(SystemExit, match=r"^gloves: unknown perturbation 'lagy': choose from .*laggy, ") as exit:
+        parse_eval(f"--policy.path={checkpoints.agent}", "--policy.wrap=gloves", *options)
+    assert "\n" not in str(exit.value.code)
+
+
 def test_an_unknown_observation_type_is_refused_with_the_valid_ones(checkpoints, parse_eval):
     with pytest.raises(ParsingError) as error:
         parse_eval(f"--policy.path={checkpoints.agent}", "--env.obs_type=pixel")

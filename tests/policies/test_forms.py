@@ -13,7 +13,7 @@ import torch
 from lerobot.policies import make_policy_config
 from lerobot.scripts.lerobot_eval import eval_main
 
-from lerobot_gloves.perturbations import Laggy, Noised, Shift
+from lerobot_gloves.perturbations import Compound, Laggy, Noised, Shift, written_out
 from lerobot_policy_gloves.gloves.configuration_gloves import PASSTHROUGH, GlovesConfig
 from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
 from tests.builders import features, load, observation, save_policy, wrap
@@ -186,6 +186,20 @@ def test_a_saved_wrapper_finds_its_checkpoints_from_anywhere(checkpoints, tmp_pa
     assert json.loads((tmp_path / "wrapper" / "config.json").read_text())["pretrained_path"] is None
 
 
+def test_a_compound_is_saved_and_acts_as_before(checkpoints, tmp_path):
+    told = Compound("noised:sigma=0.02+delayed:steps=3+noised:sigma=0.1")
+    policy = wrap(checkpoints.agent, perturbation=told, seed=4)
+    policy.save_pretrained(tmp_path / "wrapper")
+    saved = json.loads((tmp_path / "wrapper" / "config.json").read_text())
+    assert saved["perturbation"] == {"type": "compound", "parts": told.parts}
+    again, _ = load(tmp_path / "wrapper")
+    plain, batch = wrap(checkpoints.agent), observation(2)
+    played = [torch.stack([one.select_action(batch) for _ in range(20)], dim=1) for one in (policy, again, plain)]
+    told.reset(2, seed=4)
+    expected = torch.cat([told(chunk) for chunk in played[2].split(policy.config.n_action_steps, dim=1)], dim=1)
+    assert torch.equal(played[0], expected) and torch.equal(played[1], expected)
+
+
 def test_options_change_a_saved_wrapper(checkpoints, tmp_path):
     wrap(checkpoints.agent, adapter=checkpoints.adapter).save_pretrained(tmp_path / "wrapper")
     policy, _ = load(tmp_path / "wrapper", "--method=none", "--perturbation.type=noised", "--perturbation.sigma=0.02")
@@ -217,6 +231,10 @@ def test_perturbations_are_chosen_on_the_command_line(checkpoints, tmp_path, par
     assert isinstance(config.perturbation, Noised)
     assert config.perturbation.sigma == 0.02
     assert parse_eval(*form(name, checkpoints, tmp_path)).policy.perturbation is None
+    options = ["--policy.perturbation.type=compound", "--policy.perturbation.parts=noised:sigma=0.02+laggy:p=0.3"]
+    config = parse_eval(*form(name, checkpoints, tmp_path), *options).policy
+    assert isinstance(config.perturbation, Compound)
+    assert written_out(config.perturbation) == "noised:sigma=0.02+laggy:p=0.3"
 
 
 def test_a_perturbation_acts_on_the_agents_raw_chunks_in_each_episode_alike(checkpoints):

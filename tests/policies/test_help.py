@@ -8,7 +8,7 @@ from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs import EnvConfig
 
 from lerobot_gloves.commands import COMMANDS
-from lerobot_gloves.perturbations import PERTURBATIONS
+from lerobot_gloves.perturbations import CHOICES
 from lerobot_policy_gloves.gloves.configuration_gloves import PerturbationConfig
 
 POLICIES = ["gloves", "gloves_expert_flow", "gloves_flow_policy", "gloves_align_flow", "ddpm_assist", "csa_assist"]
@@ -36,7 +36,7 @@ def test_every_option_of_a_task_is_explained(task):
     assert unexplained(EnvConfig.get_choice_class(task), LEROBOTS) == []
 
 
-@pytest.mark.parametrize("name", PERTURBATIONS)
+@pytest.mark.parametrize("name", CHOICES)
 def test_every_option_of_a_perturbation_is_explained(name):
     assert unexplained(PerturbationConfig.get_choice_class(name)) == []
 

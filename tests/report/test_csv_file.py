@@ -5,7 +5,7 @@ import pytest
 
 from lerobot_gloves.report.csv_file import report_csv
 from lerobot_gloves.report.statistics import newcombe, wilson
-from tests.benchmark.rows import ROWS, loaded
+from tests.benchmark.rows import ROWS, loaded, row
 
 
 def read(text: str) -> dict[tuple[str, str, str], dict[str, str]]:
@@ -73,3 +73,10 @@ def test_the_papers_figures_name_their_table() -> None:
     assert len(lines) == 3 + 8
     line = lines["slow:alpha=0.5,p=0.5", "IFAE", "tab:flowalign_best_triplet_comparison"]
     assert (line["success_mean"], line["success_std"], line["episodes"]) == ("0.746", "0.046", "")
+
+
+def test_a_compound_without_a_label() -> None:
+    compound = row("noised:sigma=0.01+laggy:p=0.2", "none", 0, [0, 0, 1, 0])
+    (line,) = csv.DictReader(io.StringIO(report_csv(loaded([compound]), paper=True)))
+    assert line["perturbation"] == line["strength"] == "noised:sigma=0.01+laggy:p=0.2"
+    assert float(line["success_mean"]) == 0.25

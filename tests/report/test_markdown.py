@@ -136,6 +136,19 @@ def test_methods_and_perturbations_stand_in_the_papers_order() -> None:
     assert lines(success) == ["none", "laggy:p=0.2", "laggy:p=0.6", "noised", "slow:p=0.1", "shift"]
 
 
+def test_a_compound_stands_behind_the_papers_and_is_explained() -> None:
+    rows = [row(kind, "none", 0, [1, 0, 1, 0]) for kind in ("shift", "none", "rotated", "noised")]
+    compound = row("noised+laggy", "none", 0, [0, 0, 1, 0])
+    compound["conditions"]["perturbation"] = "noised:sigma=0.005+laggy:p=0.2"
+    text = report([compound, *rows], paper=True)
+    success, *_ = tables(text)
+    measured = [line for line in lines(success) if "published" not in line]
+    assert measured == ["none", "noised", "shift", "noised+laggy", "rotated"]
+    assert lines(success)[-2:] == ["noised+laggy", "rotated"], "the paper's lines of noised stand below noised"
+    assert success["noised+laggy", "agent"].startswith("25.0")
+    assert "- noised+laggy: noised:sigma=0.005+laggy:p=0.2" in text
+
+
 def test_labels_name_lines_and_columns_and_are_explained() -> None:
     rows = [
         labelled(

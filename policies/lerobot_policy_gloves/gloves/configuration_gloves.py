@@ -12,7 +12,7 @@ import draccus
 from lerobot.configs import PolicyFeature, PreTrainedConfig
 
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
-from lerobot_gloves.perturbations import PERTURBATIONS, Perturbation
+from lerobot_gloves.perturbations import CHOICES, Perturbation
 
 PASSTHROUGH = Path(str(files(__package__))) / "passthrough"
 """Saved processor pipelines that change nothing: what LeRobot loads around the wrapper."""
@@ -20,10 +20,13 @@ PASSTHROUGH = Path(str(files(__package__))) / "passthrough"
 
 @dataclass
 class PerturbationConfig(draccus.ChoiceRegistry):
-    """Chooses a perturbation by `--policy.perturbation.type=NAME`; its fields are the perturbation's own."""
+    """Chooses a perturbation by `--policy.perturbation.type=NAME`; its fields are the perturbation's own.
+
+    Several are `--policy.perturbation.type=compound --policy.perturbation.parts=noised:sigma=0.005+laggy:p=0.2`.
+    """
 
 
-for _name, _class in PERTURBATIONS.items():
+for _name, _class in CHOICES.items():
     # The library's classes know nothing of draccus, which writes a choice's type only if it is a subclass, and looks
     # for the comments that explain its fields where it says that its source is.
     _source = {key: value for key, value in vars(_class).items() if key in ("__module__", "__firstlineno__")}
@@ -82,7 +85,7 @@ class GlovesConfig(PreTrainedConfig):
         given = cast("PerturbationConfig | Perturbation | None", self.perturbation)
         if isinstance(given, Perturbation) and not isinstance(given, PerturbationConfig):
             # The library's own, from Python: draccus would save it without its name.
-            name = next(name for name, choice in PERTURBATIONS.items() if choice is type(given))
+            name = next(name for name, choice in CHOICES.items() if choice is type(given))
             self.perturbation = PerturbationConfig.get_choice_class(name)(**asdict(given))
         if self.agent:
             self._adopt(self.agent)
