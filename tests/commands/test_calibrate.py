@@ -170,7 +170,7 @@ def test_a_dataset_of_other_actions_is_refused(refusal, tmp_path):
     [
         ("--dataset.episodes=[7, 8, 99]", "dataset.episodes holds [8, 99], but me/tiny has episodes 0 to 7"),
         ("--scores=[]", "scores is empty: name at least one, such as reverse:steps=1"),
-        ("--scores=[revers]", "unknown score 'revers': choose from reverse"),
+        ("--scores=[revers]", "unknown score 'revers': choose from likelihood, residual, reverse, selfnormalised"),
         ("--stride=0", "stride is 0, but must be at least 1"),
         ("--batch_size=-1", "batch_size is -1, but must be at least 1"),
     ],
