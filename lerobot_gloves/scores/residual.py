@@ -13,11 +13,11 @@ from lerobot_gloves.generators import randn
 class ResidualScore:
     """The flow-matching loss of the chunk, s(x) = E_{t, z} ||v((1 - t) z + t x, t) - (x - z)||^2.
 
-    Not in the paper. On the flow of a Gaussian the residual grows with the distance d from its mean at every t,
-    ((1 - t)^2 d^2 + t^2 s^4) / ((1 - t)^2 + t^2 s^2)^2 a coordinate of standard deviation s: the time at which
-    1 - t = t s weighs a distance as that s does, so times from all over (0, 1) serve narrow and wide experts. Times and
-    noise are the same for every chunk (common random numbers), and the noise comes in pairs z, -z, which cancel what is
-    linear in it: on that flow all chunks of an equal distance score alike, whatever was drawn.
+    Not in the paper. On the flow of a Gaussian of standard deviation s the residual at t is, a coordinate at distance d
+    from the mean, ((1 - t)^2 d^2 + t^2 s^4) / w^4 with w^2 = (1 - t)^2 + t^2 s^2: it grows with d at every t, the most
+    about 1 - t = t s, so that times from all over (0, 1) serve narrow and wide experts. Times and noise are the same for
+    every chunk (common random numbers), and the noise comes in pairs z, -z, which cancel what is linear in it: on that
+    flow all chunks of an equal distance score alike, whatever was drawn.
 
     Attributes:
         times: How many times, the midpoints of as many equal parts of [0, 1].

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from tests.report.test_text import tables
+from tests.report.test_markdown import tables
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 EVALUATIONS = {
@@ -33,7 +33,7 @@ def test_all_scores_stand_side_by_side(script, monkeypatch, capsys):
     assert {name: table[name, "evaluations"] for name in EVALUATIONS} == EVALUATIONS
     assert {name for name, _ in table} == EVALUATIONS.keys()
     for name in EVALUATIONS:
-        assert float(table[name, "milliseconds a chunk"]) > 0
+        assert float(table[name, "milliseconds a chunk"]) > 0 and float(table[name, "times the first"]) > 0
         area, seen = table[name, "noised"].removesuffix(" %)").split(" (")
         assert 0.5 < float(area) <= 1 and 0 <= int(seen) <= 100
 
