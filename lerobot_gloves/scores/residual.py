@@ -15,7 +15,7 @@ class ResidualScore:
 
     Not in the paper. On the flow of a Gaussian of standard deviation s the residual at t is, a coordinate at distance d
     from the mean, ((1 - t)^2 d^2 + t^2 s^4) / w^4 with w^2 = (1 - t)^2 + t^2 s^2: it grows with d at every t, the most
-    about 1 - t = t s, so that times from all over (0, 1) serve narrow and wide experts. Times and noise are the same for
+    about 1 - t = t s, so that times from all over (0, 1) serve narrow and wide experts. Times and noise are those of
     every chunk (common random numbers), and the noise comes in pairs z, -z, which cancel what is linear in it: on that
     flow all chunks of an equal distance score alike, whatever was drawn.
 
