@@ -13,9 +13,12 @@ __all__ = [
     "IFAE",
     "ConformalGate",
     "Laggy",
+    "LikelihoodScore",
     "Noised",
     "Reference",
+    "ResidualScore",
     "ReverseScore",
+    "SelfNormalisedScore",
     "Shift",
     "Slow",
     "endpoint",
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
     from lerobot_gloves.editors import FEEG, FPAS, IFAE, Reference
     from lerobot_gloves.flow import endpoint, flow_matching_loss, integrate, interpolate
     from lerobot_gloves.perturbations import Laggy, Noised, Shift, Slow
-    from lerobot_gloves.scores import ReverseScore
+    from lerobot_gloves.scores import LikelihoodScore, ResidualScore, ReverseScore, SelfNormalisedScore
 else:
 
     def __getattr__(name: str) -> object:

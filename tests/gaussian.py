@@ -17,6 +17,7 @@ and likewise the mean of the action behind x_t, whose derivative in x is j,
 As w' = (t s^2 - (1 - t)) / w = g w, the trajectory from z is x_t = t mu + w z: the flow maps z to mu + s z.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -86,3 +87,44 @@ def example_flow(contexts: int | None = None) -> GaussianFlow:
 def seeded(seed: int) -> torch.Generator:
     """A generator on the CPU."""
     return torch.Generator().manual_seed(seed)
+
+
+@dataclass
+class MixtureFlow:
+    """Exact velocity field of a mixture of Gaussians, equally likely.
+
+    x_t is a mixture too, of the components' own x_t, and the field the mean of theirs, weighted by how likely each is
+    given x_t.
+
+    Attributes:
+        modes: The components, each of one context.
+    """
+
+    modes: list[GaussianFlow]
+
+    def __call__(self, x: Tensor, t: Tensor) -> Tensor:
+        """v(x, t) for x (N, T, A) and t (N,)."""
+        widths = [((1 - t) ** 2)[:, None, None] + (t**2)[:, None, None] * mode.std**2 for mode in self.modes]
+        centres = [t[:, None, None] * mode.mean for mode in self.modes]
+        log = [
+            -((x - centre) ** 2 / width + width.log()).sum((1, 2)) / 2
+            for centre, width in zip(centres, widths, strict=True)
+        ]
+        share = torch.softmax(torch.stack(log), dim=0)[..., None, None]
+        return (share * torch.stack([mode(x, t) for mode in self.modes])).sum(0)
+
+    def log_density(self, x: Tensor) -> Tensor:
+        """log p(x) of chunks (N, T, A): (N,)."""
+        log = [torch.distributions.Normal(mode.mean, mode.std).log_prob(x).sum((1, 2)) for mode in self.modes]
+        return torch.stack(log).logsumexp(0) - math.log(len(self.modes))
+
+    def sample(self, number: int, generator: torch.Generator) -> Tensor:
+        """Exact chunks, shape (number, T, A)."""
+        drawn = torch.stack([mode.sample(number, generator) for mode in self.modes])
+        return drawn[torch.randint(len(self.modes), (number,), generator=generator), torch.arange(number)]
+
+
+def two_modes(std: float, distance: float = 1.0) -> MixtureFlow:
+    """Chunks (3, 2) about `distance` and about minus that, `std` around either, in double precision."""
+    mean, spread = (torch.full((3, 2), value, dtype=torch.float64) for value in (distance, std))
+    return MixtureFlow([GaussianFlow(mean, spread), GaussianFlow(-mean, spread)])

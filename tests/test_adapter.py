@@ -1,6 +1,8 @@
+import pytest
 import torch
 
 from lerobot_gloves.adapter import Adapter, pad
+from lerobot_gloves.scores import SCORES
 from tests.builders import make_policy, observation
 
 
@@ -44,3 +46,30 @@ def test_what_is_bound_inside_inference_mode_can_be_differentiated():
     with torch.inference_mode():
         batch = {key: value.clone() for key, value in batch.items()}
         assert torch.equal(edit(), expected)
+
+
+EVALUATIONS = {"reverse": 1, "residual": 2 * 5, "likelihood": 10, "selfnormalised": 8 * 5 + (8 + 1) * 2 * 3}
+"""Of the network, by each score with its defaults."""
+
+
+@pytest.mark.parametrize("name", SCORES)
+def test_a_score_is_a_function_of_context_and_chunk(name):
+    """Of whatever batch they are part of, and inside LeRobot's inference mode."""
+    adapter, batch, chunk = make_policy("gloves_expert_flow"), observation(batch=3), torch.randn(3, 6, 2)
+    score = adapter.scores[name]()
+    bound = adapter.bind(batch)
+    expected = bound.score(chunk, score, length=4)
+    assert bound.evaluations == EVALUATIONS[name]
+    assert expected.shape == (3,) and expected.isfinite().all() and not expected.requires_grad
+    for row in range(3):
+        alone = bound.select(torch.arange(3) == row).score(chunk[row : row + 1], score, length=4)
+        torch.testing.assert_close(alone, expected[row : row + 1], rtol=1e-4, atol=1e-4)
+    # Several chunks of one context are adjacent rows, as FPAS asks for.
+    twice = adapter.bind(batch).score(chunk.repeat_interleave(2, dim=0), score, length=4)
+    torch.testing.assert_close(twice, expected.repeat_interleave(2), rtol=1e-4, atol=1e-4)
+    with torch.inference_mode():
+        inside = adapter.bind({key: value.clone() for key, value in batch.items()})
+        assert torch.equal(inside.score(chunk.clone(), score, length=4), expected)
+    moved = chunk.clone()
+    moved[:, 4:] += 1
+    assert not torch.equal(bound.score(moved, score, length=4), expected), "the flow sees the padding"

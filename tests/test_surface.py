@@ -11,7 +11,7 @@ import lerobot_gloves
 
 SURFACE = {
     "lerobot_gloves.flow": ["interpolate", "integrate", "endpoint", "flow_matching_loss"],
-    "lerobot_gloves.scores": ["ReverseScore"],
+    "lerobot_gloves.scores": ["ReverseScore", "ResidualScore", "LikelihoodScore", "SelfNormalisedScore"],
     "lerobot_gloves.conformal": ["ConformalGate"],
     "lerobot_gloves.editors": ["FPAS", "FEEG", "IFAE", "Reference"],
     "lerobot_gloves.perturbations": ["Noised", "Laggy", "Slow", "Shift"],

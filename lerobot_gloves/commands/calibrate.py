@@ -38,7 +38,7 @@ class CalibrateConfig:
     dataset: DatasetConfig
     # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
     policy: PreTrainedConfig | None = None
-    # Nonconformity scores to calibrate, with their options.
+    # Nonconformity scores to calibrate, with their options: reverse, residual, likelihood or selfnormalised for a flow.
     scores: list[str] = field(
         default_factory=lambda: ["reverse:steps=1", "reverse:steps=2", "reverse:steps=5", "reverse:steps=10"]
     )

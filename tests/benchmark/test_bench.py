@@ -69,7 +69,7 @@ def test_running_again_runs_what_is_missing(
         ('--methods=["feeg:start=2"]', "FEEG: start is 2.0, but must lie in [0, 1]"),
         ("--methods=[none+gate]", "nothing that a gate could hold back"),
         ("--methods=[]", "methods is empty"),
-        ("--score=likely", "unknown score 'likely': choose from reverse"),
+        ("--score=likely", "unknown score 'likely': choose from likelihood, residual, reverse, selfnormalised"),
         ("--score=reverse:steps=3", "not calibrated for score 'reverse:steps=3'"),
         ("--split=train", "unknown split 'train': choose from test, validation"),
         ("--episodes=101", "episodes is 101, but must lie between 1 and 100"),

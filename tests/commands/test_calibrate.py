@@ -11,7 +11,7 @@ from lerobot.datasets import LeRobotDataset
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration
 from lerobot_gloves.commands.calibrate import calibrate, main
 from lerobot_gloves.generators import spawn
-from lerobot_gloves.scores import ReverseScore
+from lerobot_gloves.scores import SCORES, ReverseScore
 from tests.builders import FLOW, load, make_config, save_policy, wrap, write_dataset
 
 T = FLOW["chunk_size"]
@@ -98,10 +98,12 @@ def test_whole_chunks_are_scored_for_every_length(run, adapter, data, caplog):
         torch.testing.assert_close(scores[length - 1, column], expected[0], rtol=1e-4, atol=1e-5)
 
 
-def test_the_gate_scores_a_proposal_as_the_calibration_did(run, adapter, data, tmp_path):
+@pytest.mark.parametrize("score", SCORES)
+def test_the_gate_scores_a_proposal_as_the_calibration_did(run, adapter, data, tmp_path, score):
     """The command normalises chunks and cuts and pads them then, the wrapper pads raw ones and normalises them then."""
-    scores = run("--dataset.episodes=[2, 5]").scores["reverse:steps=1"]
-    corrector = wrap(save_policy(tmp_path / "agent", "act"), adapter=adapter, gate=True, alpha=0.2)._corrector
+    (scores,) = run("--dataset.episodes=[2, 5]", f"--scores=[{score}]").scores.values()
+    agent = save_policy(tmp_path / "agent", "act")
+    corrector = wrap(agent, adapter=adapter, gate=True, alpha=0.2, score=score)._corrector
     rows = LeRobotDataset("me/tiny", root=data, episodes=[2, 5]).hf_dataset
     for column, first in ((0, 0), (5, LENGTH + 1)):
         seen = {key: rows[first][key][None] for key in rows.features if key.startswith("observation.")}
@@ -170,7 +172,7 @@ def test_a_dataset_of_other_actions_is_refused(refusal, tmp_path):
     [
         ("--dataset.episodes=[7, 8, 99]", "dataset.episodes holds [8, 99], but me/tiny has episodes 0 to 7"),
         ("--scores=[]", "scores is empty: name at least one, such as reverse:steps=1"),
-        ("--scores=[revers]", "unknown score 'revers': choose from reverse"),
+        ("--scores=[revers]", "unknown score 'revers': choose from likelihood, residual, reverse, selfnormalised"),
         ("--stride=0", "stride is 0, but must be at least 1"),
         ("--batch_size=-1", "batch_size is -1, but must be at least 1"),
     ],

@@ -61,7 +61,7 @@ def test_the_rows_of_the_table():
         (["--perturbation=jittery"], "unknown perturbation 'jittery': choose from chatter, deadzone, delayed, dropped"),
         (["--feeg=fpas"], "unknown method 'fpas': choose from feeg"),
         (["--fpas=fpas:beam=3"], "method 'fpas' has no option 'beam': choose from"),
-        (["--score=surprise"], "unknown score 'surprise': choose from reverse"),
+        (["--score=surprise"], "unknown score 'surprise': choose from likelihood, residual, reverse, selfnormalised"),
         (["--episodes=0"], "episodes is 0, but must be at least 1"),
         (["--train=true", "--steps=0"], "steps is 0, but must be at least 1"),
         (["--seed=-1"], "seed is -1, but must not be negative"),

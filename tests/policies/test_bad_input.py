@@ -25,7 +25,7 @@ def one_line(error) -> str:
     [
         ({"method": "fegg"}, "unknown method 'fegg': choose from feeg, fpas, ifae, none"),
         ({"method": "feeg:begin=1"}, "method 'feeg' has no option 'begin': choose from start, steps, align"),
-        ({"score": "revers"}, "unknown score 'revers': choose from reverse"),
+        ({"score": "revers"}, "unknown score 'revers': choose from likelihood, residual, reverse, selfnormalised"),
         ({"gate": True, "alpha": 1.5}, "alpha is 1.5, but must lie in [0, 1]"),
         (
             {"gate": True, "score": "reverse:steps=3"},

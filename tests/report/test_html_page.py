@@ -190,7 +190,7 @@ def test_score_plot_stacks_shares_of_all_chunks() -> None:
     assert list(both.baseline) == list(left.values)
 
 
-@pytest.mark.parametrize("bins", [{"0": 1, "9": 2}, {"-12": 1, "0": 1, "30": 2}])
+@pytest.mark.parametrize("bins", [{"0": 1, "9": 2}, {"-12": 1, "0": 1, "30": 2}, {"-40": 2, "-1": 1}])
 def test_scores_of_0_and_below_are_plotted(bins: dict[str, int]) -> None:
     rows = deepcopy(SCORED)
     for episode in rows[1]["episodes"]:

@@ -4,7 +4,7 @@ import runpy
 import sys
 from pathlib import Path
 
-from tests.report.test_text import tables
+from tests.report.test_markdown import tables
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "benchmark_editing.py"
 EVALUATIONS = {
