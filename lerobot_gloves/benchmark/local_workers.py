@@ -14,6 +14,7 @@ from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Self
 
+from lerobot_gloves.system.children import children
 from lerobot_gloves.system.interrupts import interrupts_ignored
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Processes:
         return found
 
     def _begin(self) -> Worker:
-        context = multiprocessing.get_context("spawn")  # neither CUDA nor OpenGL survives a fork
+        context = children("lerobot_gloves.evaluation.preloaded")
         ours, theirs = context.Pipe()
         process = context.Process(target=serve, args=(theirs,))
         # It inherits that Ctrl-C is not for it: this process ends it.

@@ -2,7 +2,6 @@
 
 import multiprocessing
 import multiprocessing.connection
-import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.queues import SimpleQueue
@@ -11,6 +10,7 @@ from pathlib import Path
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gloves.recording import staging
+from lerobot_gloves.system.children import children
 from lerobot_gloves.system.interrupts import interrupts_ignored
 
 type Stage = Callable[[Sequence[range]], Iterator[None]]
@@ -39,10 +39,10 @@ def stage_all(stage: Stage, folder: Path, parts: Sequence[range], num_workers: i
         for _ in stage(missing):
             yield len(staging.staged(folder) & wanted)
         return
-    context = multiprocessing.get_context("spawn")  # an OpenGL context does not survive a fork
+    context = children("lerobot_gloves.evaluation.preloaded")
     told: SimpleQueue[str] = context.SimpleQueue()
     workers = [
-        context.Process(target=_work, args=(stage, missing[i::num_workers], os.getpid(), told))
+        context.Process(target=_work, args=(stage, missing[i::num_workers], told))
         for i in range(min(num_workers, len(missing)))
     ]
     # They inherit that Ctrl-C is not for them: this process ends them.
@@ -63,12 +63,13 @@ def stage_all(stage: Stage, folder: Path, parts: Sequence[range], num_workers: i
         raise ChildProcessError(f"{len(failed)} of {len(workers)} recording processes failed: {reason}")
 
 
-def _work(stage: Stage, parts: Sequence[range], parent: int, told: "SimpleQueue[str]") -> None:
+def _work(stage: Stage, parts: Sequence[range], told: "SimpleQueue[str]") -> None:
     """One process's share; ends early when the recording itself was killed."""
+    parent = multiprocessing.parent_process()
     try:
         register_third_party_plugins()
         for _ in stage(parts):
-            if os.getppid() != parent:
+            if parent is None or not parent.is_alive():
                 return
     except (OSError, ValueError) as error:
         told.put(str(error)[:1000])  # nobody reads before all have ended, and a pipe holds only so much

@@ -243,7 +243,7 @@ def test_a_full_disk_ends_the_run_and_keeps_rows(
     fsync, written = os.fsync, []
 
     def full(opened: int) -> None:
-        if written:
+        if len(written) == 2:  # the first row's file and its name
             raise OSError(28, "No space left on device")
         written.append(fsync(opened))
 

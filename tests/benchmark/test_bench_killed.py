@@ -90,7 +90,8 @@ def test_a_killed_worker_costs_nothing(tmp_path: Path, options: list[str], monke
     process = start("bench", *options, *matrix, "--num_workers=2")
     wait_for_rows(process, tmp_path / "rows", 1)
     process.send_signal(signal.SIGSTOP)  # so that it cannot give the first one's cell to the second
-    children = [child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())]
+    (server,) = [one for one in psutil.Process(process.pid).children() if "forkserver" in " ".join(one.cmdline())]
+    children = server.children()
     assert len(children) == 2
     for child in children:
         child.kill()

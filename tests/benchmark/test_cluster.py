@@ -25,7 +25,9 @@ def cluster() -> Iterator[Any]:
     from ray.cluster_utils import Cluster
 
     try:
-        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "num_gpus": 1})
+        cluster = Cluster(
+            initialize_head=True, head_node_args={"num_cpus": 1, "num_gpus": 1, "include_dashboard": False}
+        )
         cluster.add_node(num_cpus=1, num_gpus=1)
         cluster.wait_for_nodes()
         assert descendants()

@@ -42,7 +42,7 @@ def trained(adapter: Path, repo_id: str = "me/tiny", **options) -> None:
 
 def warnings(caplog) -> list[str]:
     """Ours; LeRobot has a page to say of torchcodec."""
-    return [r.message for r in caplog.records if r.module == "calibrate" and r.levelname == "WARNING"]
+    return [r.message for r in caplog.records if r.module == "held_out" and r.levelname == "WARNING"]
 
 
 @pytest.fixture
