@@ -62,7 +62,7 @@ def test_running_again_runs_what_is_missing(
     [
         (
             "--perturbations=[none, nosied]",
-            "unknown perturbation 'nosied': choose from laggy, noised, none, shift, slow",
+            "unknown perturbation 'nosied': choose from chatter, deadzone, delayed, dropped, laggy, noised, none, ",
         ),
         ('--perturbations=["noised:std=1"]', "perturbation 'noised' has no option 'std': choose from sigma"),
         ("--methods=[none, feg]", "unknown method 'feg': choose from feeg, fpas, ifae, none"),
