@@ -113,7 +113,7 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> StagedEpisod
         seed: Seed of the environment.
 
     Raises:
-        RuntimeError: If `MAX_ATTEMPTS` episodes fail.
+        ValueError: If `MAX_ATTEMPTS` episodes fail.
     """
     for attempt in range(MAX_ATTEMPTS):
         expert = env_config.make_expert(np.random.default_rng([seed, attempt]))
