@@ -1,6 +1,7 @@
 """What every test runs under: offline, one thread, rendering without a display; and a command line in this process."""
 
 import logging
+import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -18,9 +19,27 @@ torch.set_num_threads(1)
 pytest_plugins = ["tests.straight"]
 
 
+# Whatever forks from a server in a test (workers, vector environments) finds LeRobot imported: ten seconds of a core.
+multiprocessing.set_forkserver_preload(["lerobot_gloves.evaluation.preloaded"])
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Slow tests go first, so that no worker is left alone with one while the others have nothing to do."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    """Slow tests go first on every worker, so that none is left alone with one while the others have nothing to do.
+
+    pytest-xdist deals the list out in parts of equal length, one a worker, before they steal from one another.
+    """
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    quick = [item for item in items if not item.get_closest_marker("slow")]
+    left, workers = len(items), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    items.clear()
+    for worker in range(workers):
+        length = left // (workers - worker)
+        left -= length
+        part = slow[worker::workers]
+        more = max(0, length - len(part))
+        items += part + quick[:more]
+        del quick[:more]
+    items += quick
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import json
 import re
 import shlex
 import subprocess
-import sys
 import tomllib
 from dataclasses import fields
 from pathlib import Path
@@ -19,6 +18,7 @@ from lerobot_gloves.report.overall import Overall
 from lerobot_gloves.report.summary import summarise
 from lerobot_gloves.scores import SCORES
 from scripts.write_results import TASKS
+from tests.preloaded import server
 
 ROOT = Path(__file__).parents[1]
 ADAPTERS = ("gloves_expert_flow", "gloves_align_flow", "ddpm_assist", "csa_assist")
@@ -51,7 +51,7 @@ def test_the_readmes_command_runs_as_it_stands(tmp_path):
     program, *options = shlex.split(
         command.replace("\\\n", "").replace("=48", "=2").replace("outputs/first", str(tmp_path))
     )
-    done = subprocess.run([Path(sys.executable).with_name(program), *options], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([server() / program, *options], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     (task,) = json.loads((tmp_path / "eval_info.json").read_text())["per_task"]
     assert len(task["metrics"]["successes"]) == 2

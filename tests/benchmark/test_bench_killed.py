@@ -2,10 +2,8 @@
 
 import os
 import re
-import resource
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,28 +12,10 @@ import pytest
 
 from lerobot_gloves.benchmark.folder import read_rows
 from tests.benchmark.test_bench import gloves, without_times
+from tests.preloaded import Started
 
 
-def start(*arguments: str, most: int = resource.RLIM_INFINITY) -> subprocess.Popen:
-    """The command in a process of its own, which may write files of `most` bytes."""
-
-    def begin() -> None:
-        # Whoever runs the tests in the background has them ignore Ctrl-C.
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
-
-    return subprocess.Popen(
-        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
-        env=os.environ,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=begin,
-    )
-
-
-def wait_for_rows(process: subprocess.Popen, folder: Path, count: int) -> None:
+def wait_for_rows(process: Started | subprocess.Popen, folder: Path, count: int) -> None:
     while len(list(folder.glob("*.json"))) < count and process.poll() is None:
         time.sleep(0.1)  # pytest's own timeout ends this
 
@@ -46,7 +26,7 @@ def test_a_killed_run_goes_on_with_the_same_episodes(
 ) -> None:
     """Two workers, killed with their parent by kill -9, then one process: as if one process had done it all."""
     matrix = ['--perturbations=[noised, "shift:dim=7"]', '--methods=[none, "feeg+gate"]', "--seeds=[0, 1, 2, 3, 4, 5]"]
-    process = start("bench", *options, *matrix, "--num_workers=2")
+    process = Started("gloves", "bench", *options, *matrix, "--num_workers=2")
     while not list((tmp_path / "rows").glob("*.failed")) and process.poll() is None:
         time.sleep(0.1)
     # Once another row is there, the failure before it has been told.
@@ -70,7 +50,7 @@ def test_a_killed_run_goes_on_with_the_same_episodes(
 @pytest.mark.parametrize("num_workers", [1, 2])
 def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[str], num_workers: int) -> None:
     """With one worker, in the middle of a cell of this very process."""
-    process = start("bench", *options, f"--seeds={list(range(100))}", f"--num_workers={num_workers}")
+    process = Started("gloves", "bench", *options, f"--seeds={list(range(100))}", f"--num_workers={num_workers}")
     wait_for_rows(process, tmp_path / "rows", 1)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
     _, errors = process.communicate(timeout=60)  # returns when the last worker has let go of the pipe
@@ -87,7 +67,7 @@ def test_ctrl_c_keeps_rows_and_leaves_no_process(tmp_path: Path, options: list[s
 def test_a_killed_worker_costs_nothing(tmp_path: Path, options: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """By kill -9, both of two; two workers do what one does, and none of them is left."""
     matrix = ["--perturbations=[noised]", '--methods=[none, "feeg+gate"]', f"--seeds={list(range(10))}"]
-    process = start("bench", *options, *matrix, "--num_workers=2")
+    process = Started("gloves", "bench", *options, *matrix, "--num_workers=2")
     wait_for_rows(process, tmp_path / "rows", 1)
     process.send_signal(signal.SIGSTOP)  # so that it cannot give the first one's cell to the second
     (server,) = [one for one in psutil.Process(process.pid).children() if "forkserver" in " ".join(one.cmdline())]
@@ -116,7 +96,7 @@ def test_a_full_disk_ends_a_run_of_two_workers_and_keeps_rows(
     kept = {file: file.read_text() for file in (tmp_path / "rows").iterdir()}
     most = max(map(len, kept.values())) + 200
     matrix = ['--methods=[none, "feeg+gate"]', "--seeds=[0, 1]", "--num_workers=2"]
-    process = start("bench", *options, *matrix, most=most)
+    process = Started("gloves", "bench", *options, *matrix, most=most)
     _, errors = process.communicate(timeout=500)
     assert process.returncode == 1
     last = errors.rstrip().splitlines()[-1]
@@ -135,7 +115,7 @@ def test_a_full_disk_ends_a_run_of_two_workers_and_keeps_rows(
 def test_two_runs_at_the_same_time_share_the_cells(tmp_path: Path, options: list[str]) -> None:
     """Every row's file is written once."""
     seeds = f"--seeds={list(range(30))}"
-    runs = [start("bench", *options, seeds) for _ in range(2)]
+    runs = [Started("gloves", "bench", *options, seeds) for _ in range(2)]
     written: set[tuple[str, int]] = set()
     while any(run.poll() is None for run in runs):
         written |= {(file.name, file.stat().st_ino) for file in (tmp_path / "rows").glob("*.json")}

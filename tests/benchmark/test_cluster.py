@@ -1,5 +1,7 @@
 """Ray: two machines' worth of it on this one."""
 
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +13,17 @@ import pytest
 from lerobot_gloves.benchmark.folder import read_rows
 from tests.benchmark.conftest import QUICK
 from tests.benchmark.test_bench import gloves, without_times
-from tests.benchmark.test_bench_killed import start, wait_for_rows
+from tests.benchmark.test_bench_killed import wait_for_rows
+
+
+def start(*arguments: str) -> subprocess.Popen:
+    """The command as a child of this process, whose descendants are counted."""
+    return subprocess.Popen(
+        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def descendants() -> list[psutil.Process]:
@@ -22,6 +34,7 @@ def descendants() -> list[psutil.Process]:
 def cluster() -> Iterator[Any]:
     """Two nodes of one core each, of which nothing is left."""
     pytest.importorskip("ray")
+    before = set(descendants())
     from ray.cluster_utils import Cluster
 
     try:
@@ -30,13 +43,13 @@ def cluster() -> Iterator[Any]:
         )
         cluster.add_node(num_cpus=1, num_gpus=1)
         cluster.wait_for_nodes()
-        assert descendants()
+        assert set(descendants()) - before
         yield cluster
         cluster.shutdown()
-        _, alive = psutil.wait_procs(descendants(), timeout=60)
+        _, alive = psutil.wait_procs(set(descendants()) - before, timeout=60)
         assert not alive
     finally:
-        for process in descendants():
+        for process in set(descendants()) - before:
             process.kill()
 
 

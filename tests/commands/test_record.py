@@ -1,5 +1,4 @@
 import os
-import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -22,25 +21,9 @@ def config(root: Path, num_episodes=2, env=None, **options) -> RecordConfig:
     return RecordConfig(env=env or SlalomEnv(), dataset=named)
 
 
-def start(root: Path, num_episodes: int, *options: str, environment=None) -> subprocess.Popen:
-    arguments = [
-        "record",
-        "--env.type=gloves_slalom",
-        "--dataset.repo_id=me/slalom",
-        f"--dataset.root={root}",
-        f"--dataset.num_episodes={num_episodes}",
-        *options,
-    ]
-    return subprocess.Popen(
-        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
-        env=os.environ | (environment or {}),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-        # Whoever runs the tests in the background has them ignore Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
+def typed_to_record(root: Path, num_episodes: int, *options: str) -> list[str]:
+    named = ["--env.type=gloves_slalom", "--dataset.repo_id=me/slalom", f"--dataset.root={root}"]
+    return ["record", *named, f"--dataset.num_episodes={num_episodes}", *options]
 
 
 def test_a_complete_dataset_is_never_overwritten(tmp_path):
@@ -213,15 +196,14 @@ def test_the_command_lists_its_commands_and_refuses_others(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_a_recording_is_pushed_with_its_card_and_loads_from_the_hub(tmp_path, hub: Hub):  # noqa: F811
-    process = start(
-        tmp_path / "slalom",
-        2,
-        "--dataset.push_to_hub=true",
-        "--dataset.private=true",
-        environment=hub.environment | {"HF_HOME": str(tmp_path / "home")},
+    arguments = typed_to_record(tmp_path / "slalom", 2, "--dataset.push_to_hub=true", "--dataset.private=true")
+    recorded = subprocess.run(
+        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
+        env=os.environ | hub.environment | {"HF_HOME": str(tmp_path / "home")},
+        capture_output=True,
+        text=True,
     )
-    output, _ = process.communicate()
-    assert process.returncode == 0, output
+    assert recorded.returncode == 0, recorded.stderr
     repository = hub.repositories["datasets", "me/slalom"]
     assert repository.private and repository.tags == {"v3.0": repository.head}
     assert b"# Slalom demonstrations" in repository.files["README.md"]

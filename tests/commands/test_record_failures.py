@@ -3,7 +3,6 @@
 import errno
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 
@@ -16,7 +15,8 @@ from lerobot.datasets import LeRobotDataset
 from lerobot_gloves.commands.record import main, record
 from lerobot_gloves.recording import staging
 from tests.builders import save_policy
-from tests.commands.test_record import config, start
+from tests.commands.test_record import config, typed_to_record
+from tests.preloaded import Started
 
 KEPT = "what is recorded is kept: run the command again to go on"
 
@@ -105,18 +105,22 @@ def test_ctrl_c_is_one_line_and_keeps_what_is_recorded(tmp_path):
     while len(staging.staged(folder)) < 3 and process.poll() is None:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
-    output, _ = process.communicate(timeout=120)  # returns when the last worker has let go of the pipe
+    printed, errors = process.communicate(timeout=120)  # returns when the last worker has let go of the pipes
     assert process.returncode == 1
-    assert output.splitlines()[-1] == f"gloves record: interrupted; {KEPT}"
-    assert "Traceback" not in output
+    assert errors.splitlines()[-1] == f"gloves record: interrupted; {KEPT}"
+    assert "Traceback" not in printed + errors
     assert 3 <= len(staging.staged(folder)) < 300 and not root.exists()
 
 
-def kill_when(process: subprocess.Popen, reached) -> None:
+def start(root: Path, num_episodes: int, *options: str) -> Started:
+    return Started("gloves", *typed_to_record(root, num_episodes, *options))
+
+
+def kill_when(process: Started, reached) -> None:
     while not reached():
-        assert process.poll() is None, process.stdout.read()
+        assert process.poll() is None, process.communicate()
         time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     process.communicate()
 
 
@@ -131,7 +135,7 @@ def test_a_recording_killed_while_it_plays_and_while_it_assembles_is_finished_by
     assert not root.exists()
     assert all(file.stat().st_mtime_ns == written for file, written in kept.items())  # none was played again
     process = start(root, 12)
-    output, _ = process.communicate()
+    output = process.communicate()
     assert process.returncode == 0, output
     recorded = LeRobotDataset("me/slalom", root=root)
     assert recorded.num_episodes == 12 and not folder.exists()
@@ -150,7 +154,7 @@ def test_an_agents_recording_killed_while_it_plays_ends_as_if_it_had_not_been(tm
     assert 4 <= len(kept) < 12 and not root.exists()
     for name in ("killed", "whole"):
         process = start(tmp_path / name, 12, *options)
-        output, _ = process.communicate()
+        output = process.communicate()
         assert process.returncode == 0, output
     killed, whole = (LeRobotDataset("me/slalom", root=tmp_path / name) for name in ("killed", "whole"))
     assert killed.num_episodes == 12

@@ -1,6 +1,5 @@
 import hashlib
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,8 +12,7 @@ from lerobot_gloves.commands.demo import DemoConfig, runs
 from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR, evaluation
 from lerobot_gloves.demo.evaluation import CHUNK_LOG
 from tests.builders import load, save_policy
-
-GLOVES = str(Path(sys.executable).with_name("gloves"))
+from tests.preloaded import server
 
 
 def files(name: str) -> list[Path]:
@@ -107,12 +105,13 @@ def test_without_its_simulator_it_says_what_to_install(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-def test_from_nothing_to_the_table(tmp_path):
+def test_from_nothing_to_the_table(tmp_path, monkeypatch, capfd):
     """Everything that `make demo TRAIN=1` does, in the smallest numbers."""
+    monkeypatch.setattr(sys, "executable", str(server() / "python"))  # beside which the commands lie that it starts
     options = ["--train=true", "--demonstrations=26", "--steps=2", "--episodes=2", f"--output_dir={tmp_path / 'out'}"]
-    ended = subprocess.run([GLOVES, "demo", *options], capture_output=True, text=True)
-    assert ended.returncode == 0, ended.stderr[-3000:]
-    rows = [line for line in ended.stdout.splitlines() if line.startswith("| ")]
+    monkeypatch.setattr(sys, "argv", ["gloves demo", *options])
+    command.main()
+    rows = [line for line in capfd.readouterr().out.splitlines() if line.startswith("| ")]
     assert [row.split("|")[1].strip() for row in rows[2:]] == ["raw agent", "FPAS", "FEEG", "FEEG + gate"]
     assert "\n".join(rows) in (tmp_path / "out" / "table.md").read_text()
     assert (tmp_path / "out" / "paths.png").exists()

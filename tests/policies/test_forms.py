@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from lerobot_gloves.perturbations import Compound, Laggy, Noised, Shift, written
 from lerobot_policy_gloves.gloves.configuration_gloves import PASSTHROUGH, GlovesConfig
 from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
 from tests.builders import features, load, observation, save_policy, wrap
+from tests.preloaded import server
 
 RUN = [
     "--env.type=gloves_slalom",
@@ -88,8 +88,8 @@ def test_the_forms_do_the_same_in_lerobot_eval(checkpoints, tmp_path, typed, ref
 
 @pytest.mark.slow
 def test_the_command_itself(checkpoints, tmp_path, reference):
-    command = [str(Path(sys.executable).with_name("lerobot-eval")), *RUN, *form("wrap", checkpoints, tmp_path)]
-    result = subprocess.run([*command, *outputs(tmp_path)], capture_output=True, text=True, env=dict(os.environ))
+    command = [server() / "lerobot-eval", *RUN, *form("wrap", checkpoints, tmp_path)]
+    result = subprocess.run([*command, *outputs(tmp_path)], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr[-3000:]
     assert journal(tmp_path / "log.jsonl") == reference
     edited = sum(line["edited"] for line in reference) / len(reference)

@@ -1,6 +1,4 @@
-import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -11,6 +9,7 @@ from lerobot.scripts.lerobot_train import train
 from safetensors.torch import load_file
 
 from tests.builders import CAMERA, observation, training_options, write_dataset
+from tests.preloaded import server
 
 LAST = Path("checkpoints") / "last"
 
@@ -21,10 +20,10 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path, typed, caplog):
     output, log = tmp_path / "run", tmp_path / "log"
     with log.open("w") as stream:
         command = [
-            str(Path(sys.executable).with_name("lerobot-train")),
+            server() / "lerobot-train",
             *training_options("gloves_expert_flow", tmp_path / "data", output),
         ]
-        process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, env=dict(os.environ))
+        process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT)
         try:
             while not (output / "checkpoints" / "000004" / "pretrained_model" / "train_config.json").exists():
                 assert process.poll() is None, log.read_text()[-3000:]

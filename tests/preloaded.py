@@ -1,0 +1,197 @@
+"""Commands in processes of their own that begin at once: forked from a server that has imported LeRobot.
+
+Importing LeRobot takes ten seconds of a core, and dozens of tests start commands. What runs is the installed command,
+with its own arguments, environment, folder, streams and signals; what it would import is there already. Environment
+variables that are read on import (`HF_HOME`, `HF_ENDPOINT`) come too late: who needs them starts Python itself.
+"""
+
+import array
+import fcntl
+import json
+import os
+import resource
+import selectors
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PROGRAMS = ("gloves", "lerobot-eval", "lerobot-train")
+
+
+class Started:
+    """A command that runs, by the names of `subprocess.Popen`; it leads a session and a group of its own.
+
+    Args:
+        words: Program, one of `PROGRAMS`, and its arguments.
+        most: Bytes that a file which it writes may have.
+    """
+
+    def __init__(self, *words: str, most: int = resource.RLIM_INFINITY) -> None:
+        reads, writes = zip(*(os.pipe() for _ in range(2)), strict=True)
+        for pipe in writes:
+            fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, 1 << 20)  # it is read at the end
+        self._printed = [os.fdopen(pipe) for pipe in reads]
+        with open(os.devnull) as nothing:
+            streams = [nothing.fileno(), *writes]
+            self._connection, self.pid = _ask(server() / "socket", words, streams, session=True, most=most)
+        for pipe in writes:
+            os.close(pipe)
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        """Its exit status, None while it runs."""
+        self._connection.settimeout(0)
+        return self._wait()
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._connection.settimeout(timeout)
+        status = self._wait()
+        if status is None:
+            raise TimeoutError(f"it still runs after {timeout} s")
+        return status
+
+    def _wait(self) -> int | None:
+        if self.returncode is None:
+            try:
+                self.returncode = int(self._connection.recv(16))
+            except (BlockingIOError, TimeoutError):
+                return None
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        """What was printed on both streams, once it has ended and nobody is left who could print more."""
+        self.wait(timeout)
+        printed, errors = (file.read() for file in self._printed)
+        return printed, errors
+
+
+@cache
+def server() -> Path:
+    """The folder of the server, which is begun if need be: programs of the names of `PROGRAMS` that ask it.
+
+    A program killed takes what it began with it. The server ends with this process and is nobody's child, since there
+    are tests that count theirs.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="gloves"))
+    for name in PROGRAMS:
+        program = folder / name
+        code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from tests.preloaded import ask; ask({str(folder)!r})"
+        program.write_text(f"#!{sys.executable} -IS\n{code}\n")
+        program.chmod(0o755)
+    lives, _ = os.pipe()
+    code = f"import os\nif not os.fork():\n from tests.preloaded import serve\n serve({str(folder)!r}, {lives})()"
+    subprocess.run([sys.executable, "-c", code], pass_fds=[lives], check=True, cwd=ROOT)
+    os.close(lives)
+    while not (folder / "socket").exists():
+        time.sleep(0.05)  # pytest's own timeout ends this
+    return folder
+
+
+def ask(folder: str) -> None:
+    """What the programs of a server's folder do: what they are called."""
+    words = [Path(sys.argv[0]).name, *sys.argv[1:]]
+    connection, pid = _ask(Path(folder) / "socket", words, [0, 1, 2])
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: os.kill(pid, number))
+    status = int(connection.recv(16))
+    if status < 0:
+        signal.signal(-status, signal.SIG_DFL)
+        os.kill(os.getpid(), -status)
+    sys.exit(status)
+
+
+def _ask(
+    address: Path, words: list[str] | tuple[str, ...], streams: list[int], **options: object
+) -> tuple[socket.socket, int]:
+    request = {"words": words, "cwd": os.getcwd(), "environ": dict(os.environ), **options}
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+    connection.connect(str(address))
+    rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", streams))]
+    connection.sendmsg([json.dumps(request).encode()], rights)
+    return connection, int(connection.recv(16))
+
+
+def serve(folder: str, life: int) -> Callable[[], None]:
+    """Fork a process for every request until `life` ends; return, in that process, what it has to do."""
+
+    import lerobot_gloves.commands.bench
+    import lerobot_gloves.commands.calibrate
+    import lerobot_gloves.commands.record
+    import lerobot_gloves.evaluation.preloaded  # noqa: F401
+
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    listener.bind(f"{folder}/new")
+    listener.listen(8)
+    os.rename(f"{folder}/new", f"{folder}/socket")
+    selector = selectors.DefaultSelector()
+    selector.register(listener, selectors.EVENT_READ)
+    selector.register(life, selectors.EVENT_READ)
+    running: dict[int, tuple[int, socket.socket]] = {}
+    while True:
+        for key, _ in selector.select():
+            if key.fileobj is listener:
+                connection, _ = listener.accept()
+                message, streams, _, _ = socket.recv_fds(connection, 1 << 20, 3)
+                request = json.loads(message)
+                pid = os.fork()
+                if pid == 0:
+                    for file in (listener, connection, selector):
+                        file.close()
+                    return _prepared(request, streams)
+                for stream in streams:
+                    os.close(stream)
+                connection.send(str(pid).encode())
+                ends = os.pidfd_open(pid)
+                running[ends] = pid, connection
+                selector.register(ends, selectors.EVENT_READ)
+                selector.register(connection, selectors.EVENT_READ, ends)
+            elif key.fileobj == life:
+                for pid, _ in running.values():
+                    os.kill(pid, signal.SIGKILL)
+                shutil.rmtree(folder)
+                sys.exit()
+            elif key.data is None:
+                pid, connection = running.pop(key.fd)
+                selector.unregister(connection)
+                selector.unregister(key.fd)
+                os.close(key.fd)
+                _, status = os.waitpid(pid, 0)
+                with connection:
+                    connection.send(str(os.waitstatus_to_exitcode(status)).encode())
+            else:
+                os.kill(running[key.data][0], signal.SIGKILL)  # whoever asked is dead
+
+
+def _prepared(request: dict, streams: list[int]) -> Callable[[], None]:
+    """Become the process that a request describes."""
+    from importlib.metadata import entry_points
+
+    if request.get("session"):
+        os.setsid()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (request["most"], request["most"]))
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+        os.close(stream)
+    os.chdir(request["cwd"])
+    os.environ.clear()
+    os.environ.update(request["environ"])
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.argv = request["words"]
+    (command,) = entry_points(group="console_scripts", name=sys.argv[0])
+    main = command.load()
+    return lambda: sys.exit(main())
