@@ -16,7 +16,7 @@ import torch
 
 torch.set_num_threads(1)
 
-pytest_plugins = ["tests.straight"]
+pytest_plugins = ["tests.hub", "tests.straight"]
 
 
 # Whatever forks from a server in a test (workers, vector environments) finds LeRobot imported: ten seconds of a core.
@@ -43,14 +43,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture
-def typed(monkeypatch) -> Iterator[Callable[..., None]]:
+def typed(monkeypatch) -> Callable[..., None]:
     """Makes its arguments what was typed after a command's name."""
 
     def as_typed(*arguments: str) -> None:
         monkeypatch.setattr(sys, "argv", ["lerobot-command", *arguments])
 
+    return as_typed
+
+
+@pytest.fixture(autouse=True)
+def logging_as_pytest_wants_it() -> Iterator[None]:
+    """Commands set logging up for themselves, on the standard error of the test that runs them."""
+    _quieten()
+    yield
+    _quieten()
+
+
+def _quieten() -> None:
     root = logging.getLogger()
-    handlers, level = list(root.handlers), root.level
-    yield as_typed
-    # LeRobot's commands set logging up for themselves, on this test's standard error.
-    root.handlers, root.level = handlers, level
+    root.handlers = [handler for handler in root.handlers if type(handler).__module__.startswith("_pytest")]
+    root.setLevel(logging.WARNING)

@@ -12,9 +12,11 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import huggingface_hub.constants as constants
 import pytest
 
 USER = "tester"
@@ -68,16 +70,6 @@ class Hub:
     url: str
     repositories: dict[tuple[str, str], Repository] = field(default_factory=dict)
 
-    @property
-    def environment(self) -> dict[str, str]:
-        """Environment variables that point a command at this stand-in instead of the Hub."""
-        return {
-            "HF_ENDPOINT": self.url,
-            "HF_HUB_DISABLE_XET": "1",
-            "HF_HUB_OFFLINE": "0",
-            "HF_TOKEN": "hf_stand_in",
-        }
-
 
 @pytest.fixture
 def hub() -> Iterator[Hub]:
@@ -90,6 +82,19 @@ def hub() -> Iterator[Hub]:
     server.shutdown()
     thread.join()
     server.server_close()
+
+
+@pytest.fixture
+def online(hub: Hub, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Hub:
+    """This process talks to the stand-in."""
+    monkeypatch.setattr(constants, "ENDPOINT", hub.url)
+    template = "/{repo_id}/resolve/{revision}/{filename}"
+    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", hub.url + template)
+    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
+    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("HF_TOKEN", "hf_stand_in")
+    return hub
 
 
 class _NotFoundError(Exception):

@@ -1,5 +1,3 @@
-import os
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +6,12 @@ import pytest
 from lerobot.datasets import LeRobotDataset
 
 from lerobot_gloves import commands
-from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
+from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, main, record
 from lerobot_gloves.recording import staging
 from lerobot_gloves.system.locks import Lock
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from tests.builders import save_policy
-from tests.hub import Hub, hub  # noqa: F401
+from tests.hub import Hub
 
 
 def config(root: Path, num_episodes=2, env=None, **options) -> RecordConfig:
@@ -194,30 +192,15 @@ def test_the_command_lists_its_commands_and_refuses_others(monkeypatch, capsys):
         commands.main()
 
 
-@pytest.mark.slow
-def test_a_recording_is_pushed_with_its_card_and_loads_from_the_hub(tmp_path, hub: Hub):  # noqa: F811
-    arguments = typed_to_record(tmp_path / "slalom", 2, "--dataset.push_to_hub=true", "--dataset.private=true")
-    recorded = subprocess.run(
-        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
-        env=os.environ | hub.environment | {"HF_HOME": str(tmp_path / "home")},
-        capture_output=True,
-        text=True,
-    )
-    assert recorded.returncode == 0, recorded.stderr
-    repository = hub.repositories["datasets", "me/slalom"]
+def test_a_recording_is_pushed_with_its_card_and_loads_from_the_hub(tmp_path, online: Hub, typed):
+    _, *options = typed_to_record(tmp_path / "slalom", 2, "--dataset.push_to_hub=true", "--dataset.private=true")
+    typed(*options)
+    main()
+    repository = online.repositories["datasets", "me/slalom"]
     assert repository.private and repository.tags == {"v3.0": repository.head}
     assert b"# Slalom demonstrations" in repository.files["README.md"]
-    code = (
-        "from lerobot.datasets import LeRobotDataset; d = LeRobotDataset('me/slalom');"
-        "print('loaded', d.num_episodes, tuple(d[0]['observation.goal'].shape))"
-    )
-    loaded = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | hub.environment | {"HF_HOME": str(tmp_path / "elsewhere")},
-        capture_output=True,
-        text=True,
-    )
-    assert "loaded 2 (9,)" in loaded.stdout, loaded.stderr
+    loaded = LeRobotDataset("me/slalom", root=tmp_path / "elsewhere")
+    assert (loaded.num_episodes, loaded[0]["observation.goal"].shape) == (2, (9,))
 
 
 def test_a_task_has_as_many_demonstrations_as_in_the_paper(tmp_path):

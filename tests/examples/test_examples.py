@@ -21,6 +21,7 @@ def run(monkeypatch, capfd) -> Callable[..., str]:
 
     def run(name: str, *arguments: str) -> str:
         monkeypatch.chdir(ROOT)
+        monkeypatch.syspath_prepend(ROOT / "examples")
         monkeypatch.setattr(sys, "argv", [f"examples/{name}.py", *arguments])
         monkeypatch.setattr(sys, "executable", str(server() / "python"))  # beside which the commands lie that it starts
         runpy.run_path(f"examples/{name}.py", run_name="__main__")

@@ -1,25 +1,10 @@
 import huggingface_hub.constants as constants
-import pytest
 import torch
 from huggingface_hub import HfApi
 from lerobot.policies import get_policy_class
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration
 from tests.builders import load, observation, save_policy, wrap
-from tests.hub import hub  # noqa: F401
-
-
-@pytest.fixture
-def online(hub, monkeypatch, tmp_path):  # noqa: F811
-    """This process talks to the stand-in."""
-    monkeypatch.setattr(constants, "ENDPOINT", hub.url)
-    template = "/{repo_id}/resolve/{revision}/{filename}"
-    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", hub.url + template)
-    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
-    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
-    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("HF_TOKEN", "hf_stand_in")
-    return hub
 
 
 def test_a_pushed_expert_flow_carries_its_calibration(checkpoints, online):

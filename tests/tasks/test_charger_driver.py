@@ -19,8 +19,8 @@ for action in np.random.default_rng(0).uniform(-0.5, 0.5, (80, 8)).astype(np.flo
 """
 ALONE = f"""
 import sys, warnings, hashlib
-import lerobot_policy_gloves
-assert not {{"sapien", "mani_skill", "mplib"}} & sys.modules.keys()
+import lerobot_policy_gloves, lerobot_gloves.tasks
+assert not {{"sapien", "mani_skill", "mplib", "mujoco", "robosuite", "OpenGL"}} & sys.modules.keys()
 from lerobot_gloves.tasks.charger.environment import Charger
 env = Charger(image_size=32)
 {PLAY}

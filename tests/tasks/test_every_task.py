@@ -13,6 +13,7 @@ from lerobot.envs import EnvConfig
 import lerobot_gloves.tasks  # noqa: F401
 from lerobot_gloves.tasks.configuration import TaskConfig
 from lerobot_gloves.tasks.panda import SimulatorError
+from tests.policies.test_ddpm_assist import WITHOUT_DIFFUSERS
 
 TASKS = {
     "gloves_slalom": ("two", {"2 0 0": "'2 0 0': give three gaps as in '0 2 3'", "023": "'023'"}),
@@ -31,7 +32,8 @@ def test_no_task_is_left_out():
     assert TASKS.keys() == {name for name in EnvConfig.get_known_choices() if name.startswith("gloves_")}
 
 
-def test_the_plugin_knows_every_task_where_no_extra_is_installed():
+@pytest.mark.slow
+def test_the_plugin_knows_every_task_and_policies_but_one_work_where_no_extra_is_installed():
     extras = [
         "mujoco",
         "robosuite",
@@ -47,12 +49,23 @@ def test_the_plugin_knows_every_task_where_no_extra_is_installed():
 import sys
 sys.modules |= dict.fromkeys({extras})
 import lerobot_policy_gloves
+from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.envs import EnvConfig
+from lerobot.policies import get_policy_class, make_policy_config
 print(*sorted(name for name in EnvConfig.get_known_choices() if name.startswith("gloves_")))
+state, action = PolicyFeature(FeatureType.STATE, (4,)), PolicyFeature(FeatureType.ACTION, (2,))
+features = {{"input_features": {{"observation.state": state}}, "output_features": {{"action": action}}}}
+get_policy_class("gloves_expert_flow")(make_policy_config("gloves_expert_flow", device="cpu", **features))
+try:
+    get_policy_class("ddpm_assist")(make_policy_config("ddpm_assist", device="cpu", **features))
+except ImportError as error:
+    print(error)
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == sorted(TASKS)
+    names, *without_diffusers = done.stdout.splitlines()
+    assert names.split() == sorted(TASKS)
+    assert without_diffusers == [WITHOUT_DIFFUSERS]
 
 
 @pytest.mark.parametrize("name", TASKS)
