@@ -13,8 +13,10 @@ INSTALL := $(UV) install --quiet --python $(BIN)/python --no-deps
 # Software rendering without a display; MUJOCO_GL=osmesa or glfw are the other choices.
 export MUJOCO_GL ?= egl
 
-# Tests take no more threads than workers and never ask the Hub for anything.
-PYTEST := OMP_NUM_THREADS=1 HF_HUB_OFFLINE=1 $(BIN)/python -m pytest -n auto --maxprocesses 8 --dist worksteal
+# Tests take no more threads than workers and never ask the Hub for anything. Many wait for processes of their own, so
+# there is one worker more than cores.
+WORKERS = $$(( $$(getconf _NPROCESSORS_ONLN) + 1 ))
+PYTEST = OMP_NUM_THREADS=1 HF_HUB_OFFLINE=1 $(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist worksteal
 
 help:  ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20

@@ -9,7 +9,6 @@ import array
 import fcntl
 import json
 import os
-import resource
 import selectors
 import shutil
 import signal
@@ -31,17 +30,16 @@ class Started:
 
     Args:
         words: Program, one of `PROGRAMS`, and its arguments.
-        most: Bytes that a file which it writes may have.
     """
 
-    def __init__(self, *words: str, most: int = resource.RLIM_INFINITY) -> None:
+    def __init__(self, *words: str) -> None:
         reads, writes = zip(*(os.pipe() for _ in range(2)), strict=True)
         for pipe in writes:
             fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, 1 << 20)  # it is read at the end
         self._printed = [os.fdopen(pipe) for pipe in reads]
         with open(os.devnull) as nothing:
             streams = [nothing.fileno(), *writes]
-            self._connection, self.pid = _ask(server() / "socket", words, streams, session=True, most=most)
+            self._connection, self.pid = _ask(server() / "socket", words, streams, session=True)
         for pipe in writes:
             os.close(pipe)
         self.returncode: int | None = None
@@ -83,22 +81,29 @@ class Started:
 def server() -> Path:
     """The folder of the server, which is begun if need be: programs of the names of `PROGRAMS` that ask it.
 
-    A program killed takes what it began with it. The server ends with this process and is nobody's child, since there
-    are tests that count theirs.
+    A program killed takes what it began with it. All workers of pytest-xdist share a server, which ends with the
+    process that began them, and is nobody's child, since there are tests that count theirs.
     """
-    folder = Path(tempfile.mkdtemp(prefix="gloves"))
+    owner = os.getppid() if "PYTEST_XDIST_WORKER" in os.environ else os.getpid()
+    folder = Path(tempfile.gettempdir()) / f"gloves-tests-{owner}"
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "socket").exists():
+            _begin(folder, owner)
+    return folder
+
+
+def _begin(folder: Path, owner: int) -> None:
     for name in PROGRAMS:
         program = folder / name
         code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from tests.preloaded import ask; ask({str(folder)!r})"
         program.write_text(f"#!{sys.executable} -IS\n{code}\n")
         program.chmod(0o755)
-    lives, _ = os.pipe()
-    code = f"import os\nif not os.fork():\n from tests.preloaded import serve\n serve({str(folder)!r}, {lives})()"
-    subprocess.run([sys.executable, "-c", code], pass_fds=[lives], check=True, cwd=ROOT)
-    os.close(lives)
+    code = f"import os\nif not os.fork():\n from tests.preloaded import serve\n serve({str(folder)!r}, {owner})()"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
     while not (folder / "socket").exists():
         time.sleep(0.05)  # pytest's own timeout ends this
-    return folder
 
 
 def ask(folder: str) -> None:
@@ -126,8 +131,9 @@ def _ask(
     return connection, int(connection.recv(16))
 
 
-def serve(folder: str, life: int) -> Callable[[], None]:
-    """Fork a process for every request until `life` ends; return, in that process, what it has to do."""
+def serve(folder: str, owner: int) -> Callable[[], None]:
+    """Fork a process for every request while the process `owner` lives; return, in the new one, what it has to do."""
+    owner_ends = os.pidfd_open(owner)
 
     import lerobot_gloves.commands.bench
     import lerobot_gloves.commands.calibrate
@@ -140,7 +146,7 @@ def serve(folder: str, life: int) -> Callable[[], None]:
     os.rename(f"{folder}/new", f"{folder}/socket")
     selector = selectors.DefaultSelector()
     selector.register(listener, selectors.EVENT_READ)
-    selector.register(life, selectors.EVENT_READ)
+    selector.register(owner_ends, selectors.EVENT_READ)
     running: dict[int, tuple[int, socket.socket]] = {}
     while True:
         for key, _ in selector.select():
@@ -160,7 +166,7 @@ def serve(folder: str, life: int) -> Callable[[], None]:
                 running[ends] = pid, connection
                 selector.register(ends, selectors.EVENT_READ)
                 selector.register(connection, selectors.EVENT_READ, ends)
-            elif key.fileobj == life:
+            elif key.fileobj == owner_ends:
                 for pid, _ in running.values():
                     os.kill(pid, signal.SIGKILL)
                 shutil.rmtree(folder)
@@ -183,7 +189,6 @@ def _prepared(request: dict, streams: list[int]) -> Callable[[], None]:
 
     if request.get("session"):
         os.setsid()
-        resource.setrlimit(resource.RLIMIT_FSIZE, (request["most"], request["most"]))
     for number, stream in enumerate(streams):
         os.dup2(stream, number)
         os.close(stream)
