@@ -1,6 +1,7 @@
 """Ray: two machines' worth of it on this one."""
 
-import threading
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,16 @@ import pytest
 from lerobot_gloves.benchmark.folder import read_rows
 from tests.benchmark.conftest import QUICK
 from tests.benchmark.test_bench import gloves, without_times
+
+
+def start(*arguments: str) -> subprocess.Popen:
+    """The command as a child of this process, whose descendants are counted."""
+    return subprocess.Popen(
+        [sys.executable, "-c", "from lerobot_gloves.commands import main; main()", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def descendants() -> list[psutil.Process]:
@@ -60,39 +71,25 @@ def kill_a_player() -> bool:
     return False
 
 
-def kill_a_player_when_two_nodes_play(nodes: set[int], ended: threading.Event) -> None:
-    while not ended.is_set() and len(nodes) < 2:
-        nodes |= {player.ppid() for player in descendants() if plays(player)}
-        time.sleep(0.05)
-    while not ended.is_set() and not kill_a_player():
-        time.sleep(0.05)
-
-
 @pytest.mark.slow
 def test_a_worker_killed_on_two_nodes_costs_nothing(
-    tmp_path: Path,
-    agent: str,
-    adapter: str,
-    cluster: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, agent: str, adapter: str, cluster: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Relative paths of checkpoints and all; rows are those of one local process."""
     monkeypatch.chdir(Path(agent).parent)
     options = [*QUICK, f"--agent={Path(agent).name}", f"--adapter={adapter}"]
     matrix = ["--perturbations=[noised]", '--methods=[none, "feeg+gate"]', f"--seeds={list(range(4))}"]
     ray = ["--executor=ray", f"--address={cluster.address}", "--num_workers=2", "--num_gpus=0.5"]
+    process = start("bench", *options, *matrix, *ray, f"--output_dir={tmp_path / 'rows'}")
     nodes: set[int] = set()
-    ended = threading.Event()
-    killer = threading.Thread(target=kill_a_player_when_two_nodes_play, args=(nodes, ended))
-    killer.start()
-    try:
-        assert gloves(monkeypatch, "bench", *options, *matrix, *ray, f"--output_dir={tmp_path / 'rows'}") == ""
-    finally:
-        ended.set()
-        killer.join()
+    while process.poll() is None and len(nodes) < 2:
+        nodes |= {player.ppid() for player in descendants() if plays(player)}
+        time.sleep(0.05)
     assert len(nodes) == 2, "both play"
-    printed, errors = capsys.readouterr()
+    while process.poll() is None and not kill_a_player():
+        time.sleep(0.05)
+    printed, errors = process.communicate(timeout=500)
+    assert process.returncode == 0, errors
     assert "its worker is gone (WorkerCrashedError); it is played again" in errors
     assert printed.startswith("## ")
     rows = read_rows(tmp_path / "rows")
@@ -103,15 +100,16 @@ def test_a_worker_killed_on_two_nodes_costs_nothing(
 
 @pytest.mark.slow
 def test_without_an_address_ray_is_started_here_and_ended(
-    tmp_path: Path, agent: str, adapter: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, agent: str, adapter: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("ray")
     options = [*QUICK, f"--agent={agent}", f"--adapter={adapter}", "--seeds=[0]", '--methods=["feeg+gate"]']
     before = set(descendants())
-    assert gloves(monkeypatch, "bench", *options, "--executor=ray", f"--output_dir={tmp_path / 'rows'}") == ""
-    assert capsys.readouterr().out.startswith("## ")
-    _, alive = psutil.wait_procs(set(descendants()) - before, timeout=60)
-    assert not alive
+    process = start("bench", *options, "--executor=ray", f"--output_dir={tmp_path / 'rows'}")
+    printed, errors = process.communicate(timeout=500)
+    assert process.returncode == 0, errors
+    assert printed.startswith("## ")
+    assert set(descendants()) <= before
     rows = read_rows(tmp_path / "rows")
     assert len(rows) == 1
     assert gloves(monkeypatch, "bench", *options, f"--output_dir={tmp_path / 'local'}") == ""
