@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help install lock lint test test-fast demo wheel clean distclean
+.PHONY: help install lock lint test every-test test-fast demo wheel clean distclean
 
 BIN := .venv/bin
 STAMP := .venv/.installed
@@ -48,7 +48,10 @@ lint: $(STAMP)  ## Format, lint and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-test: install lint  ## Every check: lint and all tests
+test: install  ## Every check: lint and all tests
+	@$(MAKE) --no-print-directory --jobs=2 lint every-test
+
+every-test: $(STAMP)
 	$(PYTEST)
 
 test-fast: install  ## The tests without those marked slow

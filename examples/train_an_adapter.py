@@ -20,7 +20,7 @@ def main(folder: Path) -> None:
     """Record, train, calibrate."""
     data = ["--dataset.repo_id=me/slalom", f"--dataset.root={folder / 'slalom'}"]
     task = ["--env.type=gloves_slalom", "--env.obs_type=state", "--env.mode=0 2 3"]
-    run("gloves", "record", *task, *data, "--dataset.num_episodes=12")
+    run("gloves", "record", *task, *data, "--dataset.num_episodes=12", "--num_workers=1")
     small = ["--policy.width=32", "--policy.context_dim=32", "--policy.depth=1", "--steps=30", "--batch_size=8"]
     run(
         "lerobot-train",

@@ -29,6 +29,12 @@ def descendants() -> list[psutil.Process]:
     return psutil.Process().children(recursive=True)
 
 
+@pytest.fixture(autouse=True)
+def as_important_as_other_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray's workers are nice by default, and get nothing of a machine whose other cores run other tests."""
+    monkeypatch.setenv("RAY_worker_niceness", "0")
+
+
 @pytest.fixture
 def cluster() -> Iterator[Any]:
     """Two nodes of one core each, of which nothing is left."""
