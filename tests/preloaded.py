@@ -6,6 +6,7 @@ variables that are read on import (`HF_HOME`, `HF_ENDPOINT`) come too late: who 
 """
 
 import array
+import contextlib
 import fcntl
 import json
 import os
@@ -161,7 +162,8 @@ def serve(folder: str, owner: int) -> Callable[[], None]:
                     return _prepared(request, streams)
                 for stream in streams:
                     os.close(stream)
-                connection.send(str(pid).encode())
+                with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+                    connection.send(str(pid).encode())
                 ends = os.pidfd_open(pid)
                 running[ends] = pid, connection
                 selector.register(ends, selectors.EVENT_READ)
@@ -177,7 +179,10 @@ def serve(folder: str, owner: int) -> Callable[[], None]:
                 selector.unregister(key.fd)
                 os.close(key.fd)
                 _, status = os.waitpid(pid, 0)
-                with connection:
+                with (
+                    connection,
+                    contextlib.suppress(BrokenPipeError, ConnectionResetError),
+                ):  # nobody may be left to ask
                     connection.send(str(os.waitstatus_to_exitcode(status)).encode())
             else:
                 os.kill(running[key.data][0], signal.SIGKILL)  # whoever asked is dead
