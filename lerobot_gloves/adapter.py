@@ -65,6 +65,9 @@ class Adapter(Protocol):
         default_editor: The one to take where no method is given; "none" to edit nothing.
         scores: Its nonconformity scores by the name that `--policy.score` gives, likewise, the default first. An
             adapter without scores edits every proposal: it has no gate.
+
+    One that says `history = H` above 0 is told what the agent proposed at its last H decisions, as it proposed it:
+    `bind(observation, history)`, normalised (B, h, T, A), the oldest first, h growing from none to H in an episode.
     """
 
     editors: Mapping[str, type]

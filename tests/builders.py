@@ -56,6 +56,7 @@ ACT = {
 KINDS: dict[str, dict[str, Any]] = {
     "gloves_flow_policy": FLOW,
     "gloves_expert_flow": FLOW,
+    "gloves_copilot": FLOW | {"history": 2},
     "gloves_align_flow": FLOW | {"sources": ["expert", "none", "noised"]},
     "act": ACT,
     "diffusion": {

@@ -21,7 +21,7 @@ from scripts.write_results import TASKS
 from tests.preloaded import server
 
 ROOT = Path(__file__).parents[1]
-ADAPTERS = ("gloves_expert_flow", "gloves_align_flow", "ddpm_assist", "csa_assist")
+ADAPTERS = ("gloves_expert_flow", "gloves_align_flow", "gloves_copilot", "ddpm_assist", "csa_assist")
 
 
 def test_the_table_of_options_is_that_of_the_classes():

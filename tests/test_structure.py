@@ -19,6 +19,7 @@ METHOD = {
     "flow",
     "generators",
     "networks",
+    "faults",
     "perturbations",
     "scores",
     "specification",

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from torch import Tensor
+
 from lerobot_gloves.generators import Generators
 from lerobot_gloves.scores import Score
 
@@ -13,6 +15,9 @@ class Reference[Model]:
     Attributes:
         expert: The expert flow v_e, a `VelocityField` bound to the B contexts; for the editor of another kind of model,
             that model.
+        posterior: The expert flow given what is proposed as well, bound to contexts and proposals; None where
+            the adapter reads no proposals, or the editor does not say `needs_posterior = True`.
+        repeated: Which proposals are those of the last decision again, bool (B,); None where the adapter cannot know.
         agent: The agent flow v_u, bound to the same contexts; None where there is none, or the editor's class does not
             say `needs_agent = True`.
         score: Nonconformity score, `score(velocity, chunk, length=length) -> (N,)`.
@@ -23,6 +28,8 @@ class Reference[Model]:
 
     expert: Model
     agent: Model | None = None
+    posterior: Model | None = None
+    repeated: Tensor | None = None
     score: Score | None = None
     threshold: float | None = None
     length: int | None = None

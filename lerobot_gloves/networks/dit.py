@@ -22,6 +22,7 @@ class DiT(nn.Module):
         mlp_ratio: Expansion of the MLP, r.
         dropout: Dropout on each sub-layer's output.
         time_dim: Frequencies of the sinusoidal time embedding.
+        beside_dim: Numbers that stand beside every action, C: a token is embedded from both.
 
     Raises:
         ValueError: If `width` does not split into `heads` of an even size.
@@ -37,12 +38,13 @@ class DiT(nn.Module):
         mlp_ratio: int = 4,
         dropout: float = 0.1,
         time_dim: int = 256,
+        beside_dim: int = 0,
     ):
         super().__init__()
         if width % (2 * heads):
             raise ValueError(f"DiT: width {width} does not split into {heads} heads of an even size")
         self.head_dim = width // heads
-        self.embed = nn.Linear(action_dim, width)
+        self.embed = nn.Linear(action_dim + beside_dim, width)
         self.time = TimeEmbedding(time_dim, width)
         self.blocks = nn.ModuleList(Block(width, context_dim, heads, mlp_ratio, dropout) for _ in range(depth))
         self.norm = nn.LayerNorm(width, elementwise_affine=False)
@@ -57,7 +59,7 @@ class DiT(nn.Module):
         """Velocity v(x, t | context).
 
         Args:
-            x: Noisy chunks, shape (n * B, T, A), the n of one context adjacent.
+            x: Noisy chunks and what stands beside them, shape (n * B, T, A + C), the n of one context adjacent.
             t: Times in [0, 1], shape (n * B,).
             context: What `project` returned for the B contexts.
 

@@ -109,6 +109,15 @@ class VelocityNetwork(nn.Module):
 class BoundVelocity:
     """The velocity field of B contexts: `velocity(x, t)` with x (n * B, T, A), t (n * B,).
 
+    Args:
+        dit: The network.
+        context: Keys and values of the contexts.
+        null: Those of none, for guidance.
+        guidance: Weight of the context against the null.
+        parts: The fields that this one is a stack of.
+        beside: What stands beside the actions of each context's chunks, (B, T, C), or (B, 1, C) for the same
+            beside all of them; None for nothing.
+
     Attributes:
         evaluations: Evaluations per context so far; with guidance each call makes two. Those of a stack count for each
             of the fields in it.
@@ -121,7 +130,9 @@ class BoundVelocity:
         null: KeyValues | None = None,
         guidance: float = 1.0,
         parts: Sequence["BoundVelocity"] = (),
+        beside: Tensor | None = None,
     ):
+        self.beside = beside
         self.dit, self.context, self.null, self.guidance, self.parts = dit, context, null, guidance, parts
         self.evaluations = 0
 
@@ -129,6 +140,9 @@ class BoundVelocity:
         contexts = self.context[0][0].shape[0]
         for field in (self, *self.parts):
             field.evaluations += x.shape[0] // contexts * (1 if self.null is None else 2)
+        if self.beside is not None:
+            beside = self.beside.repeat_interleave(x.shape[0] // contexts, dim=0)
+            x = torch.cat([x, beside.expand(-1, x.shape[1], -1)], dim=-1)
         if self.null is None:
             return self.dit(x, t, self.context)
         both = _concatenate([self.context, self.null])
@@ -142,7 +156,12 @@ class BoundVelocity:
             return [(key[rows], value[rows]) for key, value in context]
 
         null = None if self.null is None else pick(self.null)
-        return BoundVelocity(self.dit, pick(self.context), null, self.guidance)
+        beside = None if self.beside is None else self.beside[rows]
+        return BoundVelocity(self.dit, pick(self.context), null, self.guidance, beside=beside)
+
+    def with_beside(self, beside: Tensor) -> "BoundVelocity":
+        """The field of the same contexts with other numbers beside the actions."""
+        return BoundVelocity(self.dit, self.context, self.null, self.guidance, beside=beside)
 
     def stack(self, others: Sequence[VelocityField]) -> "BoundVelocity | None":
         """One field of this one's contexts and those of `others`, in that order; None if it takes two networks.

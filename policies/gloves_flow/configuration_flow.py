@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from lerobot.configs import NormalizationMode, PolicyFeature, PreTrainedConfig
 from lerobot.optim import AdamWConfig
+from lerobot.optim.schedulers import LRSchedulerConfig
 
 
 @dataclass
@@ -142,7 +143,7 @@ class FlowConfig(PreTrainedConfig):
             grad_clip_norm=self.optimizer_grad_clip_norm,
         )
 
-    def get_scheduler_preset(self) -> None:
+    def get_scheduler_preset(self) -> LRSchedulerConfig | None:
         return None
 
     @property

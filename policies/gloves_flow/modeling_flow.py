@@ -46,14 +46,8 @@ class FlowPolicy(PreTrainedPolicy):
     def __init__(self, config: FlowConfig, **_: object):
         super().__init__(config)
         config.validate_features()
-        self.network = VelocityNetwork(
-            config.action_feature.shape[0],
-            states=config.state_features,
-            cameras=sorted(config.image_features),
-            goal=config.condition,
-            context_dim=config.context_dim,
-            context_dropout=config.context_dropout,
-            visual_dropout=config.visual_dropout,
+        self.network = self.make_network(
+            config,
             width=config.width,
             depth=config.depth,
             heads=config.heads,
@@ -69,6 +63,19 @@ class FlowPolicy(PreTrainedPolicy):
         self.calibration: Calibration | None = None
         self._episodes = Episodes()
         self.reset()
+
+    def make_network(self, config: Any, **dit: int | float) -> VelocityNetwork:
+        """The network of a configuration, as it is before training; `dit` are the arguments of `DiT`."""
+        return VelocityNetwork(
+            config.action_feature.shape[0],
+            states=config.state_features,
+            cameras=sorted(config.image_features),
+            goal=config.condition,
+            context_dim=config.context_dim,
+            context_dropout=config.context_dropout,
+            visual_dropout=config.visual_dropout,
+            **dit,
+        )
 
     @property
     def averaged(self) -> VelocityNetwork:

@@ -10,9 +10,10 @@ import lerobot_policy_ddpm_assist  # noqa: F401
 from .gloves.configuration_gloves import GlovesConfig
 from .gloves.seam import install
 from .gloves_align_flow.configuration_gloves_align_flow import GlovesAlignFlowConfig
+from .gloves_copilot.configuration_gloves_copilot import GlovesCopilotConfig
 from .gloves_expert_flow.configuration_gloves_expert_flow import GlovesExpertFlowConfig
 from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfig
 
 install()
 
-__all__ = ["GlovesAlignFlowConfig", "GlovesConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]
+__all__ = ["GlovesAlignFlowConfig", "GlovesConfig", "GlovesCopilotConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]

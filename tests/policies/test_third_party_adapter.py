@@ -11,7 +11,7 @@ import torch
 from lerobot.policies import make_policy_config
 from lerobot.scripts.lerobot_train import train
 
-from lerobot_gloves.adapter import Adapter
+from lerobot_gloves.adapter import Adapter, pad
 from lerobot_gloves.checkpoints.calibration import Calibration
 from lerobot_gloves.commands.calibrate import calibrate as calibrate_command
 from tests.builders import calibrate, features, load, observation, save_policy, wrap, write_dataset
@@ -80,6 +80,33 @@ def test_it_edits(checkpoints, adapter):
     expected = proposed + 0.25 * (expert_chunk(adapter, batch)[:, :steps] - proposed)
     torch.testing.assert_close(edited, expected, rtol=1e-4, atol=1e-6)
     assert policy.statistics()["evaluations"] == 1
+
+
+def test_one_that_asks_is_told_what_was_proposed_before(checkpoints, adapter, package, monkeypatch):
+    heard, bind, length = [], package.NudgePolicy.bind, 5
+
+    def told(self, observation, history):
+        heard.append(history)
+        return bind(self, observation)
+
+    monkeypatch.setattr(package.NudgePolicy, "history", 2, raising=False)
+    monkeypatch.setattr(package.NudgePolicy, "bind", told)
+    batch = observation(3)
+    proposed = act(wrap(checkpoints.agent), batch, 4 * length).unflatten(1, (4, length))
+    policy = wrap(checkpoints.agent, adapter=adapter, method=NUDGE)
+    act(policy, batch, 3 * length)
+    policy.running = torch.tensor([True, False, True])
+    act(policy, batch, length)
+    _, (preprocess, _) = load(adapter)
+    normalised = preprocess({**observation(12), "action": pad(proposed.flatten(0, 1), T)})["action"].unflatten(
+        0, (3, 4)
+    )
+    assert heard[0] is None, "nothing was proposed before"
+    for decision, (rows, since) in enumerate([([0, 1, 2], 0), ([0, 1, 2], 0), ([0, 2], 1)], start=1):
+        torch.testing.assert_close(heard[decision], normalised[rows, since:decision])
+    policy.reset()
+    act(policy, batch, 1)
+    assert heard[4] is None, "another episode"
 
 
 def test_its_own_editor_and_its_first_score_are_the_defaults(checkpoints, adapter, package, monkeypatch):

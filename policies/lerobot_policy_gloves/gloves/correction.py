@@ -92,6 +92,7 @@ class Corrector:
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
+        self.history = getattr(self.adapter, "history", 0)
         self.gated, self.alpha = config.gate, config.alpha
         self.thresholded = config.gate or getattr(self.editor, "needs_threshold", False)
         self.scored = self.score is not None and (config.gate or config.log is not None)
@@ -135,7 +136,11 @@ class Corrector:
         return self._gates[length]
 
     def __call__(
-        self, observation: dict[str, Tensor], proposal: Tensor, generators: Sequence[torch.Generator]
+        self,
+        observation: dict[str, Tensor],
+        proposal: Tensor,
+        generators: Sequence[torch.Generator],
+        history: Sequence[Tensor] = (),
     ) -> Correction:
         """Score proposals and edit those that the gate turns away, or all of them without a gate.
 
@@ -143,6 +148,7 @@ class Corrector:
             observation: Raw observations, batched.
             proposal: Raw actions (B, n, A), n at most the adapter's chunk size.
             generators: One per environment.
+            history: What was proposed before, the oldest first, raw actions (B, m, A) each, at most `self.history`.
 
         Raises:
             ValueError: If the adapter needs an observation that is not there.
@@ -163,8 +169,12 @@ class Corrector:
                 "by --policy.adapter_rename_map, or take an adapter for these observations"
             )
         # The task's text and the other observations are the agent's.
-        batch = self.loaded.preprocess({**{k: v for k, v in named.items() if k in self.inputs}, "action": chunk})
-        bound, chunk, gate = self.adapter.bind(batch), batch["action"], self.gate(length)
+        told = {key: value for key, value in named.items() if key in self.inputs}
+        proposals = torch.stack([*(pad(past, self.chunk_size) for past in history), chunk], dim=1)
+        batch = self.loaded.preprocess({**told, "action": proposals})
+        *before, chunk = batch["action"].unbind(dim=1)
+        past = {"history": torch.stack(before, dim=1) if before else None} if self.history else {}
+        bound, gate = self.adapter.bind(batch, **past), self.gate(length)
         score = bound.score(chunk, self.score, length=length) if self.scored else None
         # Masks stay on the CPU, where the actions are; they may index tensors on any device.
         p_value, admitted = None, torch.zeros(len(chunk), dtype=torch.bool)

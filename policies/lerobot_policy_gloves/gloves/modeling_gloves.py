@@ -102,6 +102,7 @@ class GlovesPolicy(PreTrainedPolicy):
         self._step = 0
         self._observed: Tensor | None = None
         self._proposals: deque[Tensor] = deque()
+        self._history: deque[Tensor] = deque(maxlen=0 if self._corrector is None else self._corrector.history)
         self._action_queue: deque[Tensor] = deque()
 
     @torch.no_grad()
@@ -161,6 +162,8 @@ class GlovesPolicy(PreTrainedPolicy):
             return window
         count = min(self._corrector.chunk_size, len(self._proposals))
         window = torch.stack([self._proposals.popleft() for _ in range(count)], dim=1)
+        history = list(self._history)
+        self._history.append(window)
         if self.running is not None and not self.running.any():
             return window
         # Whatever the editor keeps for its gradient must be made outside inference mode, and exactly.
@@ -168,12 +171,13 @@ class GlovesPolicy(PreTrainedPolicy):
         with torch.inference_mode(False), torch.no_grad(), torch.autocast(device, enabled=False):
             tensors = {key: value.clone() for key, value in observation.items() if isinstance(value, Tensor)}
             if self.running is None:
-                correction = self._corrector(tensors, window.clone(), self._generators)
+                correction = self._corrector(tensors, window.clone(), self._generators, history)
             else:
                 rows = self.running
                 some = {key: value[rows] for key, value in tensors.items()}
                 generators = [self._generators[row] for row in rows.nonzero()[:, 0].tolist()]
-                correction = self._corrector(some, window[rows], generators).spread(window, rows)
+                past = [before[rows] for before in history]
+                correction = self._corrector(some, window[rows], generators, past).spread(window, rows)
         self.correction = correction
         self._check_finite(correction.action, "the editor returned")
         self._journal.note(correction, self._episodes.first, self._step, running)

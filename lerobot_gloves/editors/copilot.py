@@ -1,0 +1,50 @@
+"""The copilot's edit: what the expert would do on average, given what is proposed."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from lerobot_gloves.editors.reference import Reference
+from lerobot_gloves.flow import VelocityField, endpoint, times
+
+
+@dataclass(frozen=True)
+class Copilot:
+    """One evaluation: the mean of the expert's chunks, given the context, the proposal and the last ones.
+
+    A flow's endpoint estimate from zero noise at t = 0 is that mean, if training has shown it that point.
+
+    Attributes:
+        limit: Largest mean distance of an action from the proposed one, in normalised units, where the score admits the
+            proposal and it does not repeat the last one exactly; below 0 there is none, and no score is asked.
+
+    Raises:
+        ValueError: If the posterior that it needs is not there.
+    """
+
+    limit: float = -1.0
+    needs_posterior = True
+
+    @property
+    def needs_threshold(self) -> bool:
+        """Whether it asks a score."""
+        return self.limit >= 0
+
+    @torch.no_grad()
+    def __call__(self, proposal: Tensor, reference: Reference[VelocityField]) -> Tensor:
+        """Edit proposals (B, T, A), see `Reference`."""
+        if reference.posterior is None:
+            raise ValueError("copilot needs an adapter that reads proposals: take a gloves_copilot")
+        nothing, t = torch.zeros_like(proposal), times(0.0, proposal)
+        mean = endpoint(nothing, t, reference.posterior(nothing, t))
+        if not self.needs_threshold:
+            return mean
+        assert reference.score is not None and reference.threshold is not None
+        free = reference.score(reference.expert, proposal, length=reference.length) > reference.threshold
+        if reference.repeated is not None:
+            free |= reference.repeated
+        edit = mean - proposal
+        distance = edit[:, : reference.length].norm(dim=-1).mean(dim=-1)
+        share = (self.limit / distance.clamp(min=1e-9)).clamp(max=1.0)
+        return proposal + edit * torch.where(free, 1.0, share)[:, None, None]

@@ -1,0 +1,1 @@
+"""The copilot: it reads the agent's proposals, infers what is wrong with them, and says what the expert would do."""

@@ -1,0 +1,50 @@
+"""The copilot of B contexts."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lerobot_gloves.editors import Reference
+from lerobot_gloves.networks import BoundVelocity
+from lerobot_gloves.networks.copilot import told
+
+
+class BoundCopilot:
+    """See `lerobot_gloves.adapter.BoundAdapter`.
+
+    Args:
+        expert: The flow of B contexts, told of no proposals.
+        history: The last proposals (B, H, T, A), normalised, the oldest first, H of them or fewer; None for none yet.
+        proposals: How many proposals the network reads.
+    """
+
+    def __init__(self, expert: BoundVelocity, history: Tensor | None, proposals: int):
+        self.expert, self.history, self.proposals = expert, history, proposals
+        self._posterior_evaluations = 0
+
+    @property
+    def evaluations(self) -> int:
+        return self.expert.evaluations + self._posterior_evaluations
+
+    def select(self, rows: Tensor) -> "BoundCopilot":
+        history = None if self.history is None else self.history[rows]
+        return BoundCopilot(self.expert.select(rows), history, self.proposals)
+
+    @torch.no_grad()
+    def score(self, chunk: Tensor, score: Any, length: int | None = None) -> Tensor:
+        return score(self.expert, chunk, length=length)
+
+    def edit(self, proposal: Tensor, editor: Any, **given: Any) -> Tensor:
+        if not getattr(editor, "needs_posterior", False):
+            return editor(proposal, Reference(self.expert, **given))
+        before = proposal[:, None][:, :0] if self.history is None else self.history
+        chunks = torch.cat([before, proposal[:, None]], dim=1)
+        missing = self.proposals - chunks.shape[1]
+        chunks = torch.cat([chunks[:, :1].expand(-1, missing, -1, -1), chunks], dim=1)
+        there = (torch.arange(self.proposals, device=proposal.device) >= missing).expand(len(proposal), -1)
+        posterior = told(self.expert, chunks, there)
+        repeated = (chunks[:, -1] == chunks[:, -2]).flatten(1).all(dim=1) & there[:, -2] if self.proposals > 1 else None
+        edited = editor(proposal, Reference(self.expert, posterior=posterior, repeated=repeated, **given))
+        self._posterior_evaluations += posterior.evaluations
+        return edited

@@ -1,0 +1,115 @@
+"""The copilot as a policy and as an adapter."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from gloves_flow.modeling_flow import FlowPolicy
+from lerobot_gloves.editors import EDITORS, Copilot
+from lerobot_gloves.flow import interpolate, mean_per_chunk
+from lerobot_gloves.generators import rand, randn
+from lerobot_gloves.networks.copilot import CopilotNetwork, told
+from lerobot_gloves.scores import SCORES
+
+from .bound_copilot import BoundCopilot
+from .configuration_gloves_copilot import GlovesCopilotConfig
+
+if TYPE_CHECKING:
+    from lerobot.datasets import LeRobotDatasetMetadata
+
+
+class GlovesCopilotPolicy(FlowPolicy):
+    """p(expert's chunk | context, proposal, the last proposals), from demonstrations and randomised faults alone.
+
+    Training never sees an agent: the expert's chunks of the last decisions, made faulty by an agent that is drawn anew
+    for every item (`lerobot_gloves.faults`), stand for what one proposes, and the expert's own chunk is what it should
+    have proposed. One network is both the posterior's flow and, at t = 0 from no noise, its mean.
+
+    Args:
+        config: Its settings.
+        dataset_meta: The dataset that it is trained on; LeRobot's factory passes it.
+        **kwargs: What else LeRobot's factory passes.
+    """
+
+    config_class = GlovesCopilotConfig
+    name = "gloves_copilot"
+    editors: Mapping[str, type] = {"copilot": Copilot, **EDITORS}
+    default_editor = "copilot"
+    scores: Mapping[str, type] = SCORES
+
+    def __init__(
+        self, config: GlovesCopilotConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
+    ):
+        super().__init__(config, **kwargs)
+        zero = torch.zeros(config.action_feature.shape[0])
+        if dataset_meta is not None:
+            stats = dataset_meta.stats["action"]
+            zero = -torch.as_tensor(stats["mean"], dtype=torch.float32) / torch.as_tensor(stats["std"]).float().clamp(
+                1e-6
+            )
+        self.register_buffer("zero", zero)
+
+    @property
+    def history(self) -> int:
+        """How many of the agent's last proposals it wants to be told (see `lerobot_gloves.adapter.Adapter`)."""
+        return self.config.history
+
+    def make_network(self, config: GlovesCopilotConfig, **dit: int | float) -> CopilotNetwork:
+        return CopilotNetwork(
+            config.action_feature.shape[0],
+            proposals=config.history + 1,
+            context_dim=config.context_dim,
+            states=config.state_features,
+            cameras=sorted(config.image_features),
+            context_dropout=config.context_dropout,
+            visual_dropout=config.visual_dropout,
+            **dit,
+        )
+
+    def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict]:
+        """Loss, see `FlowPolicy.forward`.
+
+        Args:
+            batch: Normalised observations; `action` (B, K s + T, A) from the oldest decision that is read, s actions
+                apart, to the end of the chunk that begins now, and `action_is_pad` (B, K s + T).
+            reduction: "mean", or "none" for one loss per item.
+        """
+        config, samples = self.config, self.config.samples_per_item
+        pad = batch.get("action_is_pad", torch.zeros(batch["action"].shape[:2], dtype=torch.bool))
+        chunks, there = (part.repeat_interleave(samples, dim=0) for part in self.decisions(batch["action"], pad))
+        proposals, action = config.agents(chunks, self.zero), chunks[:, -1]
+        kind = rand(action.shape[:1], None, like=action)
+        alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
+        network = self.network if self.training else self.averaged
+        tokens = network.encode(batch).repeat_interleave(samples, dim=0)
+        bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
+        noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
+        noise, t = torch.where(of_mean[:, None, None], 0.0, noise), torch.where(of_mean, 0.0, t)
+        error = (bound(interpolate(noise, action, t), t) - (action - noise)).square()
+        loss = mean_per_chunk(error, samples, ~pad[:, -config.chunk_size :])
+        return (loss.mean() if reduction == "mean" else loss), {}
+
+    def decisions(self, action: Tensor, pad: Tensor) -> tuple[Tensor, Tensor]:
+        """The expert's chunks (B, K + 1, T, A) at the last decisions, and which of these there were, bool (B, K + 1).
+
+        What lies before the episode's first decision is that decision's chunk: whoever repeats it repeats that.
+        """
+        length, stride, count = self.config.chunk_size, self.config.stride, self.config.history + 1
+        begins = [decision * stride for decision in range(count)]
+        chunks = torch.stack([action[:, begin : begin + length] for begin in begins], dim=1)
+        there = ~pad[:, begins]
+        there[:, -1] = True
+        first = there.int().argmax(dim=1)
+        source = torch.maximum(torch.arange(count, device=action.device)[None], first[:, None])
+        return chunks.gather(1, source[..., None, None].expand_as(chunks)), there
+
+    @torch.no_grad()
+    def bind(self, observation: Mapping[str, Tensor], history: Tensor | None = None) -> BoundCopilot:
+        """See `lerobot_gloves.adapter.Adapter`."""
+        self.eval()
+        # Outside inference mode, so that FEEG may differentiate through what is made here.
+        with torch.inference_mode(False):
+            batch = {key: observation[key].clone() for key in self.config.input_features}
+            return BoundCopilot(self.velocity(batch), history, self.config.history + 1)

@@ -1,0 +1,138 @@
+"""The copilot: what it is told, what it learns, how far it edits."""
+
+import pytest
+import torch
+from lerobot.policies import get_policy_class
+from lerobot.scripts.lerobot_train import train
+
+from lerobot_gloves.editors import Copilot, Reference
+from lerobot_gloves.networks.copilot import told
+from tests.builders import (
+    FLOW,
+    load,
+    make_config,
+    make_policy,
+    observation,
+    training_options,
+    write_dataset,
+)
+from tests.policies.test_training_command import LAST
+
+B, T, A, H = 3, FLOW["chunk_size"], 2, 2
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return make_policy("gloves_copilot")
+
+
+@pytest.fixture
+def batch():
+    generator = torch.Generator().manual_seed(1)
+    states = {
+        "observation.state": torch.randn(B, 4, generator=generator),
+        "observation.environment_state": torch.randn(B, 12, generator=generator),
+    }
+    action = torch.randn(B, H * 4 + T, A, generator=generator)  # a decision every four actions
+    return {**states, "action": action, "action_is_pad": torch.zeros(B, H * 4 + T, dtype=torch.bool)}
+
+
+def test_the_agents_last_decisions_are_the_experts_chunks_there(policy, batch):
+    assert policy.config.action_delta_indices == list(range(-8, 6))
+    batch["action_is_pad"][1, :6] = True  # its episode began two actions ago: of the decisions there was this one
+    batch["action_is_pad"][2, :4] = True
+    chunks, there = policy.decisions(batch["action"], batch["action_is_pad"])
+    assert there.tolist() == [[True, True, True], [False, False, True], [False, True, True]]
+    assert torch.equal(chunks[0], torch.stack([batch["action"][0, i : i + 6] for i in (0, 4, 8)]))
+    assert torch.equal(chunks[1], batch["action"][1, 8:].expand(3, -1, -1))
+    assert torch.equal(chunks[2], torch.stack([batch["action"][2, i : i + 6] for i in (4, 4, 8)]))
+
+
+def test_told_nothing_it_is_the_experts_flow_and_told_more_it_is_another(policy, batch):
+    expert = policy.averaged.bind(batch)
+    x, t = torch.randn(B, T, A), torch.rand(B)
+    proposals = torch.randn(B, H + 1, T, A)
+    nothing = torch.zeros(B, H + 1, dtype=torch.bool)
+    assert torch.equal(told(expert, proposals, nothing)(x, t), expert(x, t))
+    seen = [
+        told(expert, proposals, torch.tensor(there).expand(B, -1))(x, t) for there in ([0, 0, 1], [0, 1, 1], [1] * 3)
+    ]
+    for one, other in zip([expert(x, t), *seen], seen, strict=False):
+        assert not torch.allclose(one, other)
+    assert torch.equal(
+        told(expert, proposals, nothing).select(torch.tensor([True, False, True]))(x[::2], t[::2]), expert(x, t)[::2]
+    )
+
+
+def test_a_field_of_zero_has_the_loss_of_what_each_draw_asks_for(batch):
+    """Of the mean: the action itself, squared. Of a flow: the action and noise of variance 1."""
+    batch["action_is_pad"][0, -2:] = True
+    action, mask = batch["action"][:, -T:], ~batch["action_is_pad"][:, -T:]
+    of_actions = (action.square().mean(-1) * mask).sum(-1) / mask.sum(-1)
+    for share, expected in ((1.0, of_actions), (0.0, of_actions + 1)):
+        config = make_config("gloves_copilot", mean_share=share, alone_share=0.0, samples_per_item=400)
+        new = get_policy_class("gloves_copilot")(config).train()  # its last layer is zero
+        loss, _ = new(batch, reduction="none")
+        torch.testing.assert_close(loss, expected, rtol=0.0 if share else 0.1, atol=1e-5 if share else 0.0)
+
+
+def test_it_learns_to_trust_a_healthy_agent_and_to_undo_a_fault(batch):
+    """The expert's chunk is anything at all: only the proposal tells what it is."""
+    new = make_policy(
+        "gloves_copilot", faults=["scale"], healthy=1.0, mean_share=1.0, alone_share=0.0, width=32
+    ).train()
+    optimiser = torch.optim.Adam(new.network.parameters(), lr=3e-3)
+    generator = torch.Generator().manual_seed(0)
+    many = {key: value.repeat_interleave(20, dim=0) for key, value in batch.items()}
+    for _ in range(200):
+        many["action"] = torch.randn(many["action"].shape, generator=generator)
+        loss, _ = new(many)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    assert loss < 0.15, "1 without a look at the proposal"
+
+
+def test_an_edit_is_the_mean_and_limited_where_the_proposal_is_admitted_and_new():
+    proposal = torch.zeros(4, T, A)
+    mean = torch.zeros(4, T, A)
+    mean[:, :, 0] = torch.tensor([0.3, 2.0, 2.0, 2.0])[:, None]
+    reference = Reference(
+        expert=None,
+        posterior=lambda x, t: mean - x + t[:, None, None],
+        repeated=torch.tensor([False, False, False, True]),
+        score=lambda field, chunk, length: torch.tensor([1.0, 1.0, 3.0, 1.0]),
+        threshold=2.0,
+        length=4,
+    )
+    edited = Copilot(limit=0.5)(proposal, reference)
+    assert edited[:, 0, 0].tolist() == pytest.approx([0.3, 0.5, 2.0, 2.0])
+    assert torch.equal(Copilot()(proposal, reference), mean)
+    with pytest.raises(ValueError, match="copilot needs an adapter that reads proposals"):
+        Copilot()(proposal, Reference(expert=None))
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        ({"history": -1}, "history is -1, but must not be negative"),
+        ({"decision_every": 7}, "decision_every is 7, but must lie between 1 and 6"),
+        ({"faults": ["laggy"]}, "there is no fault 'laggy': choose from held, "),
+        (
+            {"mean_share": 0.7, "alone_share": 0.4},
+            "mean_share and alone_share are 0.7 and 0.4, but must share one",
+        ),
+    ],
+)
+def test_wrong_settings_are_one_clear_line(options, line):
+    with pytest.raises(ValueError, match=line):
+        make_config("gloves_copilot", **options)
+
+
+def test_it_is_trained_by_lerobots_command_and_is_the_expert_by_itself(tmp_path, typed):
+    write_dataset(tmp_path / "data")
+    typed(*training_options("gloves_copilot", tmp_path / "data", tmp_path / "run", steps=2), "--policy.history=2")
+    train()
+    trained, _ = load(tmp_path / "run" / LAST / "pretrained_model")
+    assert set(trained.config.input_features) == {"observation.state", "observation.environment_state"}
+    assert trained.predict_action_chunk(observation(2)).shape == (2, T, A)
