@@ -45,8 +45,8 @@ class Spy:
     def __getattr__(self, name):
         return getattr(self.corrector, name)
 
-    def __call__(self, batch, proposal, generators):
-        correction = self.corrector(batch, proposal, generators)
+    def __call__(self, batch, proposal, generators, history):
+        correction = self.corrector(batch, proposal, generators, history)
         self.calls.append((self.policy._step, batch, proposal.clone(), correction))
         return correction
 
