@@ -179,12 +179,10 @@ def serve(folder: str, owner: int) -> Callable[[], None]:
                 selector.unregister(key.fd)
                 os.close(key.fd)
                 _, status = os.waitpid(pid, 0)
-                with (
-                    connection,
-                    contextlib.suppress(BrokenPipeError, ConnectionResetError),
-                ):  # nobody may be left to ask
+                # Nobody may be left to be told.
+                with connection, contextlib.suppress(BrokenPipeError, ConnectionResetError):
                     connection.send(str(os.waitstatus_to_exitcode(status)).encode())
-            else:
+            elif key.data in running and running[key.data][1] is key.fileobj:  # it may have ended a moment ago
                 os.kill(running[key.data][0], signal.SIGKILL)  # whoever asked is dead
 
 

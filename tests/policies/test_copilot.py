@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import pytest
 import torch
+from lerobot.datasets import LeRobotDataset
 from lerobot.policies import get_policy_class
 from lerobot.scripts.lerobot_train import train
 
@@ -139,3 +140,6 @@ def test_it_is_trained_by_lerobots_command_and_is_the_expert_by_itself(tmp_path,
     trained, _ = load(tmp_path / "run" / LAST / "pretrained_model")
     assert set(trained.config.input_features) == {"observation.state", "observation.environment_state"}
     assert trained.predict_action_chunk(observation(2)).shape == (2, T, A)
+    stats = LeRobotDataset("me/tiny", root=tmp_path / "data").meta.stats["action"]
+    expected = torch.as_tensor(-stats["mean"] / stats["std"], dtype=torch.float32)
+    torch.testing.assert_close(trained.zero, expected)  # standing still, as the processors normalise it

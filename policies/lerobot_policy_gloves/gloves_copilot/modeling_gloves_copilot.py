@@ -77,7 +77,7 @@ class GlovesCopilotPolicy(FlowPolicy):
             reduction: "mean", or "none" for one loss per item.
         """
         config, samples = self.config, self.config.samples_per_item
-        pad = batch.get("action_is_pad", torch.zeros(batch["action"].shape[:2], dtype=torch.bool))
+        pad = batch.get("action_is_pad", torch.zeros_like(batch["action"][..., 0], dtype=torch.bool))
         chunks, there = (part.repeat_interleave(samples, dim=0) for part in self.decisions(batch["action"], pad))
         proposals, action = config.agents(chunks, self.zero), chunks[:, -1]
         kind = rand(action.shape[:1], None, like=action)
