@@ -1,7 +1,7 @@
 """What every test runs under: offline, one thread, rendering without a display; and a command line in this process."""
 
 import logging
-import multiprocessing
+import multiprocessing.forkserver
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +14,8 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 import pytest
 import torch
 
+from tests.preloaded import fork_forkserver
+
 torch.set_num_threads(1)
 
 pytest_plugins = ["tests.hub", "tests.straight"]
@@ -21,6 +23,11 @@ pytest_plugins = ["tests.hub", "tests.straight"]
 
 # Whatever forks from a server in a test (workers, vector environments) finds LeRobot imported: ten seconds of a core.
 multiprocessing.set_forkserver_preload(["lerobot_gloves.evaluation.preloaded"])
+if "PYTEST_XDIST_WORKER" in os.environ:  # the server is a fork of this worker, whose tests import LeRobot anyway
+    import lerobot_gloves.evaluation.preloaded  # noqa: F401
+
+    fork_forkserver()
+    multiprocessing.forkserver.ensure_running()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -9,6 +9,8 @@ import array
 import contextlib
 import fcntl
 import json
+import multiprocessing.forkserver
+import multiprocessing.util
 import os
 import selectors
 import shutil
@@ -17,6 +19,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from functools import cache
@@ -47,22 +50,22 @@ class Started:
 
     def poll(self) -> int | None:
         """Its exit status, None while it runs."""
-        self._connection.settimeout(0)
-        return self._wait()
+        return self._wait(0)
 
     def wait(self, timeout: float | None = None) -> int:
-        self._connection.settimeout(timeout)
-        status = self._wait()
+        status = self._wait(timeout)
         if status is None:
             raise TimeoutError(f"it still runs after {timeout} s")
         return status
 
-    def _wait(self) -> int | None:
+    def _wait(self, timeout: float | None) -> int | None:
         if self.returncode is None:
+            self._connection.settimeout(timeout)
             try:
                 self.returncode = int(self._connection.recv(16))
             except (BlockingIOError, TimeoutError):
                 return None
+            self._connection.close()
         return self.returncode
 
     def send_signal(self, number: int) -> None:
@@ -199,7 +202,41 @@ def _prepared(request: dict, streams: list[int]) -> Callable[[], None]:
     os.environ.clear()
     os.environ.update(request["environ"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    fork_forkserver()
     sys.argv = request["words"]
     (command,) = entry_points(group="console_scripts", name=sys.argv[0])
     main = command.load()
     return lambda: sys.exit(main())
+
+
+def fork_forkserver() -> None:
+    """Let the server of `multiprocessing` that this process begins be a fork of it, which has imported LeRobot."""
+    spawn = multiprocessing.util.spawnv_passfds
+
+    def begin(path: bytes, arguments: list[str], streams: list[int]) -> int:
+        code = arguments[-1]
+        if "multiprocessing.forkserver" not in code:
+            return spawn(path, arguments, streams)
+        pid = os.fork()
+        if pid == 0:
+            try:
+                _as_if_executed(streams)
+                exec(code)
+            finally:
+                os._exit(0)  # it ends by an exception, of which those who called this are not to hear
+        return pid
+
+    multiprocessing.util.spawnv_passfds = begin
+
+
+def _as_if_executed(streams: list[int]) -> None:
+    """Give up what a fork keeps and a program that is executed does not: handlers, files, who holds a lock."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if callable(signal.getsignal(number)):
+            signal.signal(number, signal.SIG_DFL)
+    multiprocessing.forkserver._forkserver._lock = threading.Lock()
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in map(int, os.listdir("/proc/self/fd")):
+        if number > 2 and number not in streams:  # a number that was free would be another's when its owner closes it
+            with contextlib.suppress(OSError):
+                os.dup2(nothing, number)
