@@ -1,6 +1,6 @@
 """Make all models that a task's benchmark needs, from nothing: `python scripts/train_models.py --task=keypad`.
 
-Demonstrations, agent, expert flow and the two baselines; then the agent's own proposals under each perturbation of
+Demonstrations, agent, expert flow, copilot and the two baselines; then the agent's own proposals under each perturbation of
 configs/bench/<task>.yaml, and the align flow on all of them; calibrations. What that file does not name is left out.
 Run again, it goes on where it stopped. Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
 """
@@ -15,7 +15,7 @@ import yaml
 from lerobot_gloves.demo.pipeline import Calibrate, Dataset, Merge, Record, Stage, Train, make
 from lerobot_gloves.recording.sources import SOURCES
 
-MODELS = ("agent", "expert_flow", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
+MODELS = ("agent", "expert_flow", "copilot", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
 PROPOSALS = {"charger": 100}
 """Episodes of the agent's proposals under each perturbation, where that is not what `gloves record` makes: with fewer
 of them more of what the align flow learns is the expert's, and there half a millimetre decides."""
@@ -45,6 +45,7 @@ OPTIONS: dict[str, dict[str, dict[str, int]]] = {
             _SHORT | {"policy.samples_per_item": 1, "batch_size": 64, "steps": 12000},
         ),
         "align_flow": _SHORT | {"policy.samples_per_item": 1, "batch_size": 64, "steps": 15000},
+        "copilot": _SHORT,
     },
 }
 """By task and model, the options of `lerobot-train` over configs/cpu/<model>.yaml; Keypad and CAN have none."""
@@ -119,8 +120,8 @@ class Models:
 
         wanted = [model for model in self.needed if model in wanted]
         together(self.record("state"))
-        together(*(self.train(model) for model in wanted if model in MODELS[:4]))
-        after: list[Stage] = [self.calibrate("expert_flow")] if "expert_flow" in wanted else []
+        together(*(self.train(model) for model in wanted if model in MODELS[:5]))
+        after: list[Stage] = [self.calibrate(model) for model in ("expert_flow", "copilot") if model in wanted]
         if "csa_student" in wanted:
             teacher = self.train("csa_teacher").checkpoint
             after.append(self.train("csa_student", "state", f"--policy.teacher={teacher}"))

@@ -7,6 +7,7 @@ variables that are read on import (`HF_HOME`, `HF_ENDPOINT`) come too late: who 
 
 import array
 import contextlib
+import faulthandler
 import fcntl
 import json
 import multiprocessing.forkserver
@@ -202,6 +203,7 @@ def _prepared(request: dict, streams: list[int]) -> Callable[[], None]:
     os.environ.clear()
     os.environ.update(request["environ"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    faulthandler.enable()  # on the standard error that is its own now
     fork_forkserver()
     sys.argv = request["words"]
     (command,) = entry_points(group="console_scripts", name=sys.argv[0])

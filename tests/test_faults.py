@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from lerobot_gloves import faults
-from lerobot_gloves.faults import FAULTS, RandomisedAgents
+from lerobot_gloves.faults import FAULTS, RandomisedAgents, Units
 from tests.gaussian import seeded
 
 AGENTS, DECISIONS, T, A = 500, 4, 6, 3
 ZERO = torch.tensor([0.5, -1.0, 0.0])
+UNITS = Units(ZERO, torch.tensor([0.1, 0.2, 3.0]))
 
 
 @pytest.fixture
@@ -20,7 +21,7 @@ def history() -> torch.Tensor:
 
 
 def made(fault, history, seed=1):
-    return fault(history, ZERO, seeded(seed))
+    return fault(history, UNITS, seeded(seed))
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -35,14 +36,19 @@ def test_a_fault_changes_chunks_not_their_shape_and_never_its_input(name, histor
 
 def test_noise_has_the_spread_that_is_drawn(history):
     moved = made(faults.Noise(sigma=(0.5, 0.5 + 1e-9)), history) - history
-    assert moved.std().item() == pytest.approx(0.5, rel=0.02)
+    spread = moved.flatten(1, 2).std(dim=1)
+    robots = spread[:, 2] < 0.2
+    assert robots.float().mean().item() == pytest.approx(0.5, abs=0.06)
+    assert moved[~robots].std().item() == pytest.approx(0.5, rel=0.02)
+    raw = (moved[robots] * UNITS.spread).std(dim=(0, 1, 2))
+    assert raw.numpy() == pytest.approx(0.5 * 0.2, rel=0.03), "equal in the robot's units, as on the middling entry"
 
 
 def test_drift_is_smooth_within_and_across_chunks():
     quiet = torch.zeros(4000, 3, 5, 2)
-    moved = faults.Drift(sigma=(2.0, 2.0 + 1e-9), time=(8.0, 8.0 + 1e-9))(quiet, torch.zeros(2), seeded(1)).flatten(
-        1, 2
-    )
+    moved = faults.Drift(sigma=(2.0, 2.0 + 1e-9), time=(8.0, 8.0 + 1e-9))(
+        quiet, Units(torch.zeros(2), torch.ones(2)), seeded(1)
+    ).flatten(1, 2)
     assert moved.std(dim=0).numpy() == pytest.approx(2.0, rel=0.08)
     for lag in (1, 5, 7):
         both = np.corrcoef(moved[:, 0, 0].numpy(), moved[:, lag, 0].numpy())[0, 1]
@@ -99,13 +105,20 @@ def test_lost_actions_stand_still(history):
 
 def test_a_turned_frame_keeps_lengths_and_turns_by_the_angle():
     history = torch.randn(AGENTS, DECISIONS, T, 2, generator=seeded(0))
-    zero = torch.tensor([0.5, -1.0])
-    faulty = faults.Rotated(angle=(30.0, 30.0))(history, zero, seeded(1))
-    before, after = (torch.view_as_complex((chunk - zero).contiguous()) for chunk in (history, faulty))
+    units = Units(torch.tensor([0.5, -1.0]), torch.tensor([0.1, 0.2]))
+    faulty = faults.Rotated(angle=(30.0, 30.0))(history, units, seeded(1))
+    before, after = (torch.view_as_complex((chunk - units.zero) * units.spread) for chunk in (history, faulty))
     turned = torch.rad2deg((after / before).angle())
     torch.testing.assert_close(after.abs(), before.abs())
     torch.testing.assert_close(turned.abs(), torch.full_like(turned, 30.0), atol=1e-2, rtol=0)
     assert (turned[:, :1, :1] * turned > 0).all(), "one frame an agent"
+
+
+def test_entries_of_like_spread_are_turned_into_one_another(history):
+    faulty = made(faults.Rotated(), history)
+    moved = ((faulty - history).abs() > 1e-5).flatten(1, 2).any(dim=1)
+    pairs = {tuple(row.nonzero()[:, 0].tolist()) for row in moved}
+    assert pairs == {(0, 1), (1, 2)}
 
 
 def test_a_chattering_entry_is_mirrored_about_standing_still(history):
@@ -137,7 +150,7 @@ def test_shares_of_healthy_agents_and_of_those_with_two_faults(history):
 
 def test_only_the_named_faults_happen(history):
     agents = RandomisedAgents(faults=("replay", "scale"), healthy=0.0, several=0.0)
-    faulty = agents(history, ZERO, seeded(1))
+    faulty = agents(history, UNITS, seeded(1))
     line = (history - ZERO).flatten(2)
     moved = (faulty - ZERO).flatten(2)
     scaled = torch.nn.functional.cosine_similarity(line, moved, dim=2) > 1 - 1e-5
@@ -146,7 +159,7 @@ def test_only_the_named_faults_happen(history):
 
 
 def test_a_healthy_agent_is_the_expert(history):
-    assert torch.equal(RandomisedAgents(healthy=1.0)(history, ZERO, seeded(1)), history)
+    assert torch.equal(RandomisedAgents(healthy=1.0)(history, UNITS, seeded(1)), history)
 
 
 @pytest.mark.parametrize(

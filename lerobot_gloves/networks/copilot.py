@@ -7,6 +7,9 @@ from torch import Tensor
 
 from lerobot_gloves.networks.velocity import BoundVelocity, VelocityNetwork
 
+_LIKE_DATA = 3.0
+"""Standard deviations."""
+
 
 class CopilotNetwork(VelocityNetwork):
     """The network of `VelocityNetwork`, which reads each action of a chunk beside those proposed for that place.
@@ -41,5 +44,7 @@ def told(bound: BoundVelocity, proposals: Tensor, there: Tensor) -> BoundVelocit
         there: Which of them are told, bool (B, K): at an episode's beginning there are fewer.
     """
     mark = there[:, :, None, None].to(proposals.dtype)
-    marked = torch.cat([proposals * mark, mark.expand(*proposals.shape[:3], 1)], dim=-1)
+    # As they are while they are like the data, by their logarithm where they are far from any.
+    near = _LIKE_DATA * torch.asinh(proposals / _LIKE_DATA)
+    marked = torch.cat([near * mark, mark.expand(*proposals.shape[:3], 1)], dim=-1)
     return bound.with_beside(marked.transpose(1, 2).flatten(2))

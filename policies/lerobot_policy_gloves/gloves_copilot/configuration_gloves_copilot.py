@@ -6,7 +6,7 @@ from lerobot.configs import PreTrainedConfig
 from lerobot.optim.schedulers import CosineDecayWithWarmupSchedulerConfig
 
 from gloves_flow.configuration_flow import FlowConfig
-from lerobot_gloves.faults import FAULTS, RandomisedAgents
+from lerobot_gloves.faults import RandomisedAgents
 
 
 @PreTrainedConfig.register_subclass("gloves_copilot")
@@ -19,7 +19,7 @@ class GlovesCopilotConfig(FlowConfig):
     # Actions between two decisions of the agent in training; null for n_action_steps.
     decision_every: int | None = None
     # What the randomised agents of training suffer from, names of lerobot_gloves.faults.FAULTS.
-    faults: list[str] = field(default_factory=lambda: list(FAULTS))
+    faults: list[str] = field(default_factory=lambda: ["scale", "offset", "noise", "drift", "delay", "replay"])
     # Share of those agents that have no fault.
     healthy: float = 0.2
     # Of the others, the share that has two.

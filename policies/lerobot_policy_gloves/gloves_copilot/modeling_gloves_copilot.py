@@ -8,6 +8,7 @@ from torch import Tensor
 
 from gloves_flow.modeling_flow import FlowPolicy
 from lerobot_gloves.editors import EDITORS, Copilot
+from lerobot_gloves.faults import Units
 from lerobot_gloves.flow import interpolate, mean_per_chunk
 from lerobot_gloves.generators import rand, randn
 from lerobot_gloves.networks.copilot import CopilotNetwork, told
@@ -43,13 +44,13 @@ class GlovesCopilotPolicy(FlowPolicy):
         self, config: GlovesCopilotConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
     ):
         super().__init__(config, **kwargs)
-        zero = torch.zeros(config.action_feature.shape[0])
+        zero, spread = torch.zeros(config.action_feature.shape[0]), torch.ones(config.action_feature.shape[0])
         if dataset_meta is not None:
-            stats = dataset_meta.stats["action"]
-            zero = -torch.as_tensor(stats["mean"], dtype=torch.float32) / torch.as_tensor(stats["std"]).float().clamp(
-                1e-6
-            )
+            mean, deviation = (torch.as_tensor(dataset_meta.stats["action"][name]).float() for name in ("mean", "std"))
+            spread = deviation.clamp(1e-6)
+            zero = -mean / spread
         self.register_buffer("zero", zero)
+        self.register_buffer("spread", spread)
 
     @property
     def history(self) -> int:
@@ -79,7 +80,7 @@ class GlovesCopilotPolicy(FlowPolicy):
         config, samples = self.config, self.config.samples_per_item
         pad = batch.get("action_is_pad", torch.zeros_like(batch["action"][..., 0], dtype=torch.bool))
         chunks, there = (part.repeat_interleave(samples, dim=0) for part in self.decisions(batch["action"], pad))
-        proposals, action = config.agents(chunks, self.zero), chunks[:, -1]
+        proposals, action = config.agents(chunks, Units(self.zero, self.spread)), chunks[:, -1]
         kind = rand(action.shape[:1], None, like=action)
         alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
         network = self.network if self.training else self.averaged
