@@ -15,7 +15,7 @@ from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Self
 
 from lerobot_gloves.system.children import children
-from lerobot_gloves.system.interrupts import interrupts_ignored
+from lerobot_gloves.system.interrupts import interrupts_held, interrupts_ignored
 
 if TYPE_CHECKING:
     from lerobot_gloves.benchmark.plan import Job
@@ -49,7 +49,7 @@ class Processes:
         worker = next((one for one in self._workers if one.job is None), None) or self._begin()
         worker.job = job
         # If it has died since, its silence is heard in `outcomes`.
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError), interrupts_held():
             worker.pipe.send(job)
 
     def outcomes(self, timeout: float) -> Sequence[tuple[Job, Outcome]]:
@@ -65,7 +65,8 @@ class Processes:
             job, worker.job = worker.job, None
             assert job is not None
             try:
-                found.append((job, worker.pipe.recv()))
+                with interrupts_held():
+                    found.append((job, worker.pipe.recv()))
             except (EOFError, OSError):
                 self._workers.remove(worker)
                 worker.process.join()
