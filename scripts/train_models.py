@@ -1,7 +1,8 @@
 """Make all models that a task's benchmark needs, from nothing: `python scripts/train_models.py --task=keypad`.
 
-Demonstrations, agent, expert flow, copilot and the two baselines; then the agent's own proposals under each perturbation of
-configs/bench/<task>.yaml, and the align flow on all of them; calibrations. What that file does not name is left out.
+Demonstrations, agent, expert flow, copilot and the two baselines; then the agent's own proposals under each
+perturbation of configs/bench/<task>.yaml, and the align flow on all of them; calibrations. What that file does not name
+is left out.
 Run again, it goes on where it stopped. Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
 """
 
