@@ -26,16 +26,17 @@ TASKS = {"slalom": "Slalom", "keypad": "Keypad", "can": "CAN", "charger": "Charg
 OTHERS = "measurements"
 PICTURE = "images/results.svg"
 FEEG = ("FEEG", "FEEG+gate")
+OURS = "copilot"
 MADE = "This page is written by `python scripts/write_results.py` from `docs/rows/`."
 
 
 def overview(overall: Overall) -> str:
     """The page that comes first: docs/rows/overview.md with the figures that it asks for."""
-    told = {method: overall.differences(method) for method in COLUMNS}
-    mean = {method: overall.mean(method) for method in COLUMNS}
+    told = {method: overall.differences(method) for method in overall.methods}
+    mean = {method: overall.mean(method) for method in overall.methods}
     paper = {method: published_mean(method) for method in COLUMNS}
     unperturbed = {
-        method: [section.results[NONE, method].difference for section in overall.sections] for method in FEEG
+        method: [section.results[NONE, method].difference for section in overall.sections] for method in (*FEEG, OURS)
     }
     gains = [f"{kind} {overall.gain('IFAE', kind):+.0f} and {published_gain('IFAE', kind):+.0f}" for kind in KINDS]
     return (
@@ -52,11 +53,13 @@ def overview(overall: Overall) -> str:
             below={method: sum(one.mean < 0 for one in found) for method, found in told.items()},
             surely={method: sum(one.low > 0 for one in found) for method, found in told.items()},
             theirs={method: published_wins(method) for method in COLUMNS},
-            leads={method: overall.leads(method) for method in COLUMNS},
+            leads={method: overall.leads(method) for method in overall.methods},
+            ahead={method: overall.ahead(OURS, method) for method in overall.methods},
+            furthest=overall.behind_the_best(OURS),
             behind=mean["CSA"] - max(mean[method] for method in FEEG),
             gate={"ours": mean["IFAE"] - mean["IFAE+gate"], "paper": paper["IFAE+gate"] - paper["IFAE"]},
             harm=max(-100 * one.mean for one in unperturbed["FEEG"]),
-            least=min(100 * one.low for one in unperturbed["FEEG+gate"]),
+            least={method: min(100 * one.low for one in unperturbed[method]) for method in ("FEEG+gate", OURS)},
             kinds=", ".join(gains),
         )
     )

@@ -26,6 +26,12 @@ class Overall:
         """Task and kind of perturbation, a line each, in the paper's order; lines of other strengths are left out."""
         return [(section, kind) for section in self.sections for kind in KINDS if kind in section.perturbations]
 
+    @property
+    def methods(self) -> list[str]:
+        """The paper's columns, and behind them what else was played on every task."""
+        shared = set.intersection(*(set(section.methods) for section in self.sections))
+        return [*COLUMNS, *(name for name in self.sections[0].methods if name in shared - set(COLUMNS))]
+
     def results(self, method: str) -> Iterator[Result]:
         """A method's, cell by cell."""
         for section, kind in self.cells:
@@ -45,6 +51,15 @@ class Overall:
         means = [[section.results[kind, name].mean for section in sections] for name in (method, COLUMNS[0])]
         return 100 * (fmean(means[0]) - fmean(means[1]))
 
+    def ahead(self, method: str, other: str) -> int:
+        """In how many cells a method has more success than another."""
+        return sum(one.mean > two.mean for one, two in zip(self.results(method), self.results(other), strict=True))
+
+    def behind_the_best(self, method: str) -> float:
+        """By how many points it is behind the best method of a cell where it is furthest behind."""
+        best = [max(section.results[kind, name].mean for name in self.methods) for section, kind in self.cells]
+        return 100 * max(most - result.mean for most, result in zip(best, self.results(method), strict=True))
+
     def leads(self, method: str) -> int:
         """In how many cells it is the best, or one of several."""
         return sum(result.rank == 1 for result in self.results(method))
@@ -57,15 +72,15 @@ class Overall:
 
 def overall_table(overall: Overall) -> Table:
     """Means of all cells, their mean below them, and the unperturbed agents' last."""
-    lines = []
+    lines, columns = [], overall.methods
     for section, kind in overall.cells:
-        results = [section.results[kind, method] for method in COLUMNS]
+        results = [section.results[kind, method] for method in columns]
         lines.append([Entry(f"{section.name}, {kind}"), *(Entry(f"{100 * r.mean:.1f}", r.rank) for r in results)])
-    means = {method: overall.mean(method) for method in COLUMNS}
+    means = {method: overall.mean(method) for method in columns}
     order = ranks(means)
-    lines.append([Entry(f"mean of {len(overall.cells)}"), *(Entry(f"{means[m]:.1f}", order[m]) for m in COLUMNS)])
+    lines.append([Entry(f"mean of {len(overall.cells)}"), *(Entry(f"{means[m]:.1f}", order[m]) for m in columns)])
     for section in overall.sections:
-        results = [section.results[NONE, method] for method in COLUMNS]
+        results = [section.results[NONE, method] for method in columns]
         lines.append([Entry(f"{section.name}, nothing perturbed"), *(Entry(f"{100 * r.mean:.1f}") for r in results)])
     caption = "Success in %, mean over ten seeds; of the perturbed cells the best is bold and the second best italic."
-    return Table(caption, ["task, perturbation", *COLUMNS], lines)
+    return Table(caption, ["task, perturbation", *columns], lines)

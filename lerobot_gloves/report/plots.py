@@ -167,14 +167,14 @@ def overall_plot(overall: Overall) -> Figure:
         figure = Figure(figsize=(10, 4.2), layout="constrained")
         axes = figure.subplots()
         colours = dict(zip([section.name for section in overall.sections], OTHER_COLOURS, strict=False))
-        for place, method in enumerate(COLUMNS):
+        for place, method in enumerate(overall.methods):
             for index, ((section, _), result) in enumerate(zip(overall.cells, overall.results(method), strict=True)):
                 x = place + 0.5 * (index / max(len(overall.cells) - 1, 1) - 0.5)
                 axes.plot(x, 100 * result.mean, "o", color=colours[section.name], markersize=5)
             axes.plot([place - 0.35, place + 0.35], [overall.mean(method)] * 2, color=INK, linewidth=2)
             axes.text(place, -1, f"{overall.mean(method):.1f}", ha="center", va="bottom", weight="bold")
         axes.axhline(overall.mean(COLUMNS[0]), color=INK, alpha=0.4, linestyle="--", linewidth=0.8)
-        axes.set_xticks(range(len(COLUMNS)), COLUMNS)
+        axes.set_xticks(range(len(overall.methods)), overall.methods)
         _percent(axes)
         axes.set_ylabel("success, %")
         handles = [Line2D([], [], linestyle="none", marker="o", color=c, label=name) for name, c in colours.items()]
