@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from lerobot_gloves.editors.reference import Reference
+from lerobot_gloves.editors.together import Foreseen, side_by_side
 from lerobot_gloves.flow import VelocityField, endpoint, times
 
 
@@ -36,12 +37,16 @@ class Copilot:
         """Edit proposals (B, T, A), see `Reference`."""
         if reference.posterior is None:
             raise ValueError("copilot needs an adapter that reads proposals: take a gloves_copilot")
-        nothing, t = torch.zeros_like(proposal), times(0.0, proposal)
-        mean = endpoint(nothing, t, reference.posterior(nothing, t))
+        nothing, start = torch.zeros_like(proposal), times(0.0, proposal)
         if not self.needs_threshold:
-            return mean
+            return endpoint(nothing, start, reference.posterior(nothing, start))
         assert reference.score is not None and reference.threshold is not None
-        free = reference.score(reference.expert, proposal, length=reference.length) > reference.threshold
+        # A score runs the flow backward from the proposal: its first evaluation shares a batch with the only one here.
+        evaluate, end = side_by_side([reference.posterior, reference.expert]), times(1.0, proposal)
+        told, alone = evaluate([nothing, proposal], [start, end])
+        expert = Foreseen(reference.expert, proposal, end, alone)
+        mean = endpoint(nothing, start, told)
+        free = reference.score(expert, proposal, length=reference.length) > reference.threshold
         if reference.repeated is not None:
             free |= reference.repeated
         edit = mean - proposal

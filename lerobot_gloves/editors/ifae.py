@@ -1,6 +1,5 @@
 """IFAE: Inversion-Free Action-Chunk Editing (paper, section "IFAE" and Algorithm 1)."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,6 +7,7 @@ import torch
 from torch import Tensor
 
 from lerobot_gloves.editors.reference import Reference
+from lerobot_gloves.editors.together import side_by_side
 from lerobot_gloves.flow import VelocityField, endpoint, interpolate, times
 from lerobot_gloves.generators import randn
 
@@ -75,24 +75,15 @@ class IFAE:
         if agent is None:
             raise ValueError("IFAE: the reference has no agent flow, v_u, whose difference from v_e is followed")
         guided = self.guidance != 1.0
-        evaluate = _side_by_side([agent, expert, agent] if guided else [agent, expert])
+        evaluate = side_by_side([agent, expert, agent] if guided else [agent, expert])
         chunk, step = proposal, (1.0 - self.start) / self.steps
         for k in range(self.steps):
             t = times(self.start + k * step, proposal)
             q = interpolate(randn(proposal.shape, reference.generator, like=proposal), proposal, t)
             p = q + (chunk - proposal)
-            v_q, v_p, *base = evaluate([q, p, p] if guided else [q, p], t)
+            v_q, v_p, *base = evaluate([q, p, p] if guided else [q, p], [t, t, t] if guided else [t, t])
             if guided:
                 v_p = base[0] + self.guidance * (v_p - base[0])
             pull = endpoint(q, t, v_q) - endpoint(p, t, v_p)
             chunk = chunk + self.edit * step * (v_p - v_q) + self.align * pull
         return chunk
-
-
-def _side_by_side(fields: Sequence[VelocityField]) -> Callable[[Sequence[Tensor], Tensor], Sequence[Tensor]]:
-    """Evaluate each field at points of its own, `evaluate(points, t)`: as one batch if the first one can stack them."""
-    first, *others = fields
-    stacked = first.stack(others) if hasattr(first, "stack") else None
-    if stacked is None:
-        return lambda points, t: [field(x, t) for field, x in zip(fields, points, strict=True)]
-    return lambda points, t: stacked(torch.cat(list(points)), t.repeat(len(fields))).chunk(len(fields))

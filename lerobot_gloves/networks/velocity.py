@@ -175,7 +175,12 @@ class BoundVelocity:
             fields.append(other)
         nulls = [field.null for field in fields if field.null is not None]
         null = _concatenate(nulls) if nulls else None
-        return BoundVelocity(self.dit, _concatenate([f.context for f in fields]), null, self.guidance, fields)
+        context, beside = _concatenate([field.context for field in fields]), None
+        if self.beside is not None:
+            found = [field.beside for field in fields if field.beside is not None]
+            longest = max(one.shape[1] for one in found)
+            beside = torch.cat([one.expand(-1, longest, -1) for one in found])
+        return BoundVelocity(self.dit, context, null, self.guidance, fields, beside)
 
 
 def _concatenate(contexts: Sequence[KeyValues]) -> KeyValues:

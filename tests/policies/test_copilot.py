@@ -10,6 +10,7 @@ from lerobot.scripts.lerobot_train import train
 
 from lerobot_gloves.editors import Copilot, Reference
 from lerobot_gloves.networks.copilot import told
+from lerobot_gloves.scores import ReverseScore
 from tests.builders import (
     FLOW,
     load,
@@ -102,7 +103,7 @@ def test_an_edit_is_the_mean_and_limited_where_the_proposal_is_admitted_and_new(
     mean = torch.zeros(4, T, A)
     mean[:, :, 0] = torch.tensor([0.3, 2.0, 2.0, 2.0])[:, None]
     reference = Reference(
-        expert=None,
+        expert=lambda x, t: x,
         posterior=lambda x, t: mean - x + t[:, None, None],
         repeated=torch.tensor([False, False, False, True]),
         score=lambda field, chunk, length: torch.tensor([1.0, 1.0, 3.0, 1.0]),
@@ -114,6 +115,23 @@ def test_an_edit_is_the_mean_and_limited_where_the_proposal_is_admitted_and_new(
     assert torch.equal(Copilot()(proposal, reference), mean)
     with pytest.raises(ValueError, match="copilot needs an adapter that reads proposals"):
         Copilot()(proposal, Reference(expert=None))
+
+
+def test_the_score_and_the_mean_are_one_call_of_the_network(policy, batch):
+    observation = {key: value for key, value in batch.items() if key in policy.config.input_features}
+    proposal = batch["action"][:, -T:]
+    bound, calls = policy.bind(observation, proposal[:, None] + 1), []
+    free = bound.edit(proposal, Copilot())
+    policy.averaged.dit.register_forward_hook(lambda *_: calls.append(1))
+    for steps, times in ((1, 1), (5, 5)):
+        calls.clear()
+        score = ReverseScore(steps=steps)
+        apart = bound.score(proposal, score)
+        expected = torch.where((apart > apart.median())[:, None, None], free, proposal)
+        calls.clear()
+        edited = bound.edit(proposal, Copilot(limit=0.0), score=score, threshold=apart.median().item() + 1e-6)
+        torch.testing.assert_close(edited, expected)
+        assert len(calls) == times
 
 
 @pytest.mark.parametrize(
