@@ -20,10 +20,11 @@ import torch
 from torch import Tensor
 
 from lerobot_gloves.conformal import ConformalGate
-from lerobot_gloves.editors import FEEG, FPAS, IFAE, Reference
+from lerobot_gloves.editors import FEEG, FPAS, IFAE, Copilot, Reference
 from lerobot_gloves.flow import times
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
+from lerobot_gloves.networks.copilot import CopilotNetwork, told
 from lerobot_gloves.recording.sources import SOURCES
 from lerobot_gloves.scores import ReverseScore
 from lerobot_gloves.system.text import markdown_table
@@ -33,7 +34,7 @@ from lerobot_policy_ddpm_assist.configuration_ddpm_assist import DdpmAssistConfi
 from lerobot_policy_ddpm_assist.diffusion import Diffusion, noise_scheduler
 from lerobot_policy_ddpm_assist.editor import DDPM
 
-CHUNK, ACTION, STATE = 10, 2, 16
+CHUNK, ACTION, STATE, PROPOSALS = 10, 2, 16, 5
 DEMO = {"width": 64, "depth": 3, "context_dim": 96}
 """The size of the demo's pair, and of the baselines beside it."""
 
@@ -68,10 +69,9 @@ class Method:
     backward: int = 0
 
 
-def make_network(*, labelled: bool = False, **size: int) -> VelocityNetwork:
+def make_network(kind: type[VelocityNetwork] = VelocityNetwork, **options: Any) -> VelocityNetwork:
     """A network of random weights everywhere: where its output layers are zero, as at first, passes do less work."""
-    goal = ("source", len(SOURCES)) if labelled else None
-    network = VelocityNetwork(ACTION, states={"state": STATE}, goal=goal, **size).eval().requires_grad_(False)
+    network = kind(ACTION, states={"state": STATE}, **options).eval().requires_grad_(False)
     for parameter in network.parameters():
         torch.nn.init.normal_(parameter, std=0.02)
     return network
@@ -81,7 +81,7 @@ def methods(batch: int) -> dict[str, Method]:
     """Every method, with the settings that are best on Slalom or the paper's, on `batch` proposals."""
     observation, proposal = {"state": torch.randn(batch, STATE)}, torch.randn(batch, CHUNK, ACTION)
     generators, label = spawn(0, batch), torch.eye(len(SOURCES))
-    aligned = make_network(labelled=True, **DEMO)
+    aligned = make_network(goal=("source", len(SOURCES)), **DEMO)
 
     def field() -> BoundVelocity:
         return make_network(**DEMO).bind(observation)
@@ -105,6 +105,14 @@ def methods(batch: int) -> dict[str, Method]:
         agent, expert = source("noised"), source("expert")
         return edits(IFAE(steps=steps), expert, agent, expert, agent=agent)
 
+    def copilot(editor: Copilot) -> Method:
+        """On its last five proposals; where it asks a score, with it."""
+        expert = make_network(CopilotNetwork, proposals=PROPOSALS, **DEMO).bind(observation)
+        proposals = torch.randn(batch, PROPOSALS, CHUNK, ACTION)
+        posterior = told(expert, proposals, torch.ones(batch, PROPOSALS, dtype=torch.bool))
+        fields = (posterior, expert) if editor.needs_threshold else (posterior,)
+        return edits(editor, expert, *fields, posterior=posterior, score=ReverseScore(), threshold=0.0)
+
     feeg, forwards, backwards, search, noise, student = FEEG(steps=10), field(), field(), field(), field(), field()
     ddpm = DdpmAssistConfig(device="cpu")
     schedule = noise_scheduler(ddpm.schedule, ddpm.num_train_steps, ddpm.beta_min, ddpm.beta_max)
@@ -117,6 +125,8 @@ def methods(batch: int) -> dict[str, Method]:
         "FPAS (5 iterations of 16)": edits(FPAS(), search, search, score=ReverseScore(), threshold=0.0),
         "DDPM (gamma 0.3)": edits(DDPM(gamma=0.3), diffusion, noise),
         "CSA": edits(CSA(), consistency, student),
+        "copilot": copilot(Copilot()),
+        "copilot, limited": copilot(Copilot(limit=0.4)),
         "one-step gate": gate(1),
         "five-step gate": gate(5),
     }
@@ -175,6 +185,9 @@ def main() -> None:
         ),
         "one-step gate / one forward pass": ratio(gated, forward, 10 * arguments.repeats),
     }
+    every = methods(arguments.batch)
+    for name in ("copilot", "copilot, limited"):
+        rows[f"{name} / CSA"] = ratio(every[name].run, every["CSA"].run, 10 * arguments.repeats)
     print(f"batch {arguments.batch}, one thread, torch {torch.__version__}")
     for name, (value, ours, bare) in rows.items():
         print(f"{name}: {value:.3f}x ({ours:.2f} ms / {bare:.2f} ms)")
