@@ -10,6 +10,7 @@ the first page, with names in braces for its figures.
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.report.html_page import svg
@@ -32,8 +33,8 @@ MADE = "This page is written by `python scripts/write_results.py` from `docs/row
 
 def overview(overall: Overall) -> str:
     """The page that comes first: docs/rows/overview.md with the figures that it asks for."""
-    told = {method: overall.differences(method) for method in overall.methods}
-    mean = {method: overall.mean(method) for method in overall.methods}
+    told = {method: overall.differences(method) for method in COLUMNS}
+    mean = {method: overall.mean(method) for method in COLUMNS}
     paper = {method: published_mean(method) for method in COLUMNS}
     unperturbed = {
         method: [section.results[NONE, method].difference for section in overall.sections] for method in (*FEEG, OURS)
@@ -53,16 +54,33 @@ def overview(overall: Overall) -> str:
             below={method: sum(one.mean < 0 for one in found) for method, found in told.items()},
             surely={method: sum(one.low > 0 for one in found) for method, found in told.items()},
             theirs={method: published_wins(method) for method in COLUMNS},
-            leads={method: overall.leads(method) for method in overall.methods},
-            ahead={method: overall.ahead(OURS, method) for method in overall.methods},
-            furthest=overall.behind_the_best(OURS),
+            leads={method: overall.leads(method) for method in COLUMNS},
             behind=mean["CSA"] - max(mean[method] for method in FEEG),
             gate={"ours": mean["IFAE"] - mean["IFAE+gate"], "paper": paper["IFAE+gate"] - paper["IFAE"]},
             harm=max(-100 * one.mean for one in unperturbed["FEEG"]),
-            least={method: min(100 * one.low for one in unperturbed[method]) for method in ("FEEG+gate", OURS)},
+            least=min(100 * one.low for one in unperturbed["FEEG+gate"]),
+            **the_copilots(overall),
             kinds=", ".join(gains),
         )
     )
+
+
+def the_copilots(overall: Overall) -> dict[str, Any]:
+    """The figures of the copilot, on the tasks that it was played on."""
+    played = Overall([section for section in overall.sections if OURS in section.methods])
+    cells, methods = len(played.cells), [method for method in played.methods if method != OURS]
+    lowest = {section.name: 100 * section.results[NONE, OURS].difference.low for section in played.sections}
+    return {
+        "copilot_table": markdown(overall_table(played)),
+        "copilot_tasks": len(played.sections),
+        "copilot_cells": cells,
+        "copilot_mean": {method: played.mean(method) for method in played.methods},
+        "copilot_leads": played.leads(OURS),
+        "copilot_ahead": {method: played.ahead(OURS, method) for method in methods},
+        "copilot_furthest": played.behind_the_best(OURS),
+        "copilot_above_raw": sum(one.low > 0 for one in played.differences(OURS)),
+        "copilot_unperturbed": ", ".join(f"{low:+.1f} ({name})" for name, low in lowest.items()),
+    }
 
 
 def page(title: str, parts: list[Path]) -> str:

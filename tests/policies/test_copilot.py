@@ -52,6 +52,20 @@ def test_the_agents_last_decisions_are_the_experts_chunks_there(policy, batch):
     assert torch.equal(chunks[2], torch.stack([batch["action"][2, i : i + 6] for i in (4, 4, 8)]))
 
 
+def test_what_lies_before_an_episode_may_be_of_another(policy, batch):
+    chunks, there = policy.decisions(batch["action"], batch["action_is_pad"])
+    there[1, :2], there[2, 0] = False, False
+    found, told_of = policy.among_strangers(chunks.repeat(200, 1, 1, 1), there.repeat(200, 1))
+    assert torch.equal(found[told_of & there.repeat(200, 1)], chunks.repeat(200, 1, 1, 1)[there.repeat(200, 1)])
+    mixed = told_of.view(200, B, -1)
+    assert mixed[:, 0].all() and mixed[:, 1, 0].float().mean().item() == pytest.approx(0.5, abs=0.12)
+    assert torch.equal(mixed[:, 1, 0], mixed[:, 1, 1]), "the whole of it or nothing"
+    sources = {
+        int((chunks[:, 0] == one).flatten(1).all(dim=1).int().argmax()) for one in found[1::B, 0][mixed[:, 1, 0]]
+    }
+    assert sources == {0, 1, 2}
+
+
 def test_told_nothing_it_is_the_experts_flow_and_told_more_it_is_another(policy, batch):
     expert = policy.averaged.bind(batch)
     generator = torch.Generator().manual_seed(2)
@@ -139,6 +153,7 @@ def test_the_score_and_the_mean_are_one_call_of_the_network(policy, batch):
     [
         ({"history": -1}, "history is -1, but must not be negative"),
         ({"decision_every": 7}, "decision_every is 7, but must lie between 1 and 6"),
+        ({"strangers": 1.5}, "strangers is 1.5, but must lie in"),
         ({"faults": ["laggy"]}, "there is no fault 'laggy': choose from held, "),
         (
             {"mean_share": 0.7, "alone_share": 0.4},

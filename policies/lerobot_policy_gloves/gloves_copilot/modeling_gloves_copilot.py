@@ -80,6 +80,7 @@ class GlovesCopilotPolicy(FlowPolicy):
         config, samples = self.config, self.config.samples_per_item
         pad = batch.get("action_is_pad", torch.zeros_like(batch["action"][..., 0], dtype=torch.bool))
         chunks, there = (part.repeat_interleave(samples, dim=0) for part in self.decisions(batch["action"], pad))
+        chunks, there = self.among_strangers(chunks, there)
         proposals, action = config.agents(chunks, Units(self.zero, self.spread)), chunks[:, -1]
         kind = rand(action.shape[:1], None, like=action)
         alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
@@ -105,6 +106,13 @@ class GlovesCopilotPolicy(FlowPolicy):
         first = there.int().argmax(dim=1)
         source = torch.maximum(torch.arange(count, device=action.device)[None], first[:, None])
         return chunks.gather(1, source[..., None, None].expand_as(chunks)), there
+
+    def among_strangers(self, chunks: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
+        """The same, where some of what lies before an episode is made of other items of the batch, and is there."""
+        rows = len(chunks)
+        mixed = rand((rows, 1), None, like=chunks) < self.config.strangers
+        other = chunks[(rand((rows,), None, like=chunks) * rows).long()]
+        return torch.where((mixed & ~there)[..., None, None], other, chunks), there | mixed
 
     @torch.no_grad()
     def bind(self, observation: Mapping[str, Tensor], history: Tensor | None = None) -> BoundCopilot:
