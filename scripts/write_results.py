@@ -37,7 +37,7 @@ def overview(overall: Overall) -> str:
     mean = {method: overall.mean(method) for method in COLUMNS}
     paper = {method: published_mean(method) for method in COLUMNS}
     unperturbed = {
-        method: [section.results[NONE, method].difference for section in overall.sections] for method in (*FEEG, OURS)
+        method: [section.results[NONE, method].difference for section in overall.sections] for method in FEEG
     }
     gains = [f"{kind} {overall.gain('IFAE', kind):+.0f} and {published_gain('IFAE', kind):+.0f}" for kind in KINDS]
     return (
