@@ -32,6 +32,7 @@ TYPES = {
     "align_flow": "gloves_align_flow",
     "ddpm_assist": "ddpm_assist",
     "csa_student": "csa_assist",
+    "copilot": "gloves_copilot",
 }
 
 
@@ -128,4 +129,4 @@ def test_the_published_rows_are_those_of_the_shipped_matrix(monkeypatch: pytest.
     shared = {"split": matrix.split, "episodes": matrix.episodes, "batch_size": matrix.batch_size}
     jobs = planning.plan(cells(matrix.matrix(), matrix.seeds, **shared))
     assert planning.finished_cells(folder, jobs) == {job.cell for job in jobs}
-    assert len(jobs) == len(read_rows(folder)) == 560
+    assert len(jobs) == len(read_rows(folder)) == 630
