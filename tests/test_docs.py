@@ -15,6 +15,7 @@ import lerobot_policy_gloves  # noqa: F401, registers the adapters
 from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.perturbations import PERTURBATIONS
 from lerobot_gloves.report.overall import Overall
+from lerobot_gloves.report.paper import KINDS
 from lerobot_gloves.report.summary import summarise
 from lerobot_gloves.scores import SCORES
 from scripts.write_results import TASKS
@@ -32,6 +33,17 @@ def test_the_table_of_options_is_that_of_the_classes():
     assert len(choices) == len(editors) + len(SCORES) + len(PERTURBATIONS)  # a name says what it is
     expected = [(name, one.name, repr(one.default)) for name, choice in choices.items() for one in fields(choice)]
     assert sorted(rows) == sorted(expected)
+
+
+def test_the_best_of_what_stands_in_a_line_is_bold_and_the_second_best_italic():
+    lines = re.findall(rf"^\| \w+, (?:{'|'.join(KINDS)}) +\|(.*)\|$", (ROOT / "docs" / "results.md").read_text(), re.M)
+    assert len(lines) == 16 + 8
+    for line in lines:
+        entries = [entry.strip() for entry in line.split("|")]
+        found = [float(entry.strip("*_")) for entry in entries]
+        best, second = sorted(set(found), reverse=True)[:2]
+        assert {f for f, entry in zip(found, entries, strict=True) if entry.startswith("**")} == {best}, line
+        assert {f for f, entry in zip(found, entries, strict=True) if entry.startswith("_")} == {second}, line
 
 
 def test_the_readmes_figures_are_those_of_the_rows():

@@ -60,9 +60,13 @@ class Overall:
         best = [max(section.results[kind, name].mean for name in self.methods) for section, kind in self.cells]
         return 100 * max(most - result.mean for most, result in zip(best, self.results(method), strict=True))
 
+    def marks(self, section: Section, kind: str) -> dict[str, int]:
+        """Ranks of a cell among `methods` alone: what else a task was played with takes no mark."""
+        return ranks({method: section.results[kind, method].mean for method in self.methods})
+
     def leads(self, method: str) -> int:
         """In how many cells it is the best, or one of several."""
-        return sum(result.rank == 1 for result in self.results(method))
+        return sum(self.marks(section, kind)[method] == 1 for section, kind in self.cells)
 
     @property
     def rescaled(self) -> int:
@@ -74,8 +78,9 @@ def overall_table(overall: Overall) -> Table:
     """Means of all cells, their mean below them, and the unperturbed agents' last."""
     lines, columns = [], overall.methods
     for section, kind in overall.cells:
-        results = [section.results[kind, method] for method in columns]
-        lines.append([Entry(f"{section.name}, {kind}"), *(Entry(f"{100 * r.mean:.1f}", r.rank) for r in results)])
+        marks = overall.marks(section, kind)
+        entries = [Entry(f"{100 * section.results[kind, method].mean:.1f}", marks[method]) for method in columns]
+        lines.append([Entry(f"{section.name}, {kind}"), *entries])
     means = {method: overall.mean(method) for method in columns}
     order = ranks(means)
     lines.append([Entry(f"mean of {len(overall.cells)}"), *(Entry(f"{means[m]:.1f}", order[m]) for m in columns)])
