@@ -1,5 +1,6 @@
 """The copilot: what it is told, what it learns, how far it edits."""
 
+import math
 from itertools import pairwise
 
 import pytest
@@ -129,6 +130,16 @@ def test_an_edit_is_the_mean_and_limited_where_the_proposal_is_admitted_and_new(
     assert torch.equal(Copilot()(proposal, reference), mean)
     with pytest.raises(ValueError, match="copilot needs an adapter that reads proposals"):
         Copilot()(proposal, Reference(expert=None))
+
+
+def test_proposals_far_from_the_data_enter_by_their_logarithm(policy, batch):
+    far = torch.tensor([0.0, 0.03, 3 * math.sinh(1.0), -3 * math.sinh(4.0)])
+    proposals = far[:, None].expand(B, H + 1, -1, A)[:, :, :4]
+    there = torch.tensor([False, True, True]).expand(B, -1)
+    beside = told(policy.averaged.bind(batch), proposals, there).beside.view(B, 4, H + 1, A + 1)
+    assert beside[0, :, 2, 0].tolist() == pytest.approx([0.0, 0.03, 3.0, -12.0], rel=1e-4)
+    assert beside[..., -1].unique(dim=1).squeeze().tolist() == [[0.0, 1.0, 1.0]] * B
+    assert not beside[:, :, 0].any(), "what is not told is zero"
 
 
 def test_the_score_and_the_mean_are_one_call_of_the_network(policy, batch):
