@@ -35,7 +35,7 @@ import lerobot_policy_gloves
 from lerobot.configs import PreTrainedConfig
 from lerobot.envs import EnvConfig
 
-for name in ("gloves", "gloves_expert_flow", "gloves_align_flow", "gloves_flow_policy", "ddpm_assist", "csa_assist"):
+for name in ("gloves", "gloves_expert_flow", "gloves_align_flow", "gloves_copilot", "gloves_flow_policy", "ddpm_assist", "csa_assist"):
     PreTrainedConfig.get_choice_class(name)
 EnvConfig.get_choice_class("gloves_slalom")
 for name in ("lerobot_gloves", "gloves_flow", *(f"lerobot_policy_{one}" for one in ("gloves", "ddpm_assist", "csa_assist"))):
