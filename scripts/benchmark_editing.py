@@ -125,8 +125,8 @@ def methods(batch: int) -> dict[str, Method]:
         "FPAS (5 iterations of 16)": edits(FPAS(), search, search, score=ReverseScore(), threshold=0.0),
         "DDPM (gamma 0.3)": edits(DDPM(gamma=0.3), diffusion, noise),
         "CSA": edits(CSA(), consistency, student),
+        "copilot, unlimited": copilot(Copilot(limit=-1)),
         "copilot": copilot(Copilot()),
-        "copilot, limited": copilot(Copilot(limit=0.4)),
         "one-step gate": gate(1),
         "five-step gate": gate(5),
     }
@@ -186,7 +186,7 @@ def main() -> None:
         "one-step gate / one forward pass": ratio(gated, forward, 10 * arguments.repeats),
     }
     every = methods(arguments.batch)
-    for name in ("copilot", "copilot, limited"):
+    for name in ("copilot, unlimited", "copilot"):
         rows[f"{name} / CSA"] = ratio(every[name].run, every["CSA"].run, 10 * arguments.repeats)
     print(f"batch {arguments.batch}, one thread, torch {torch.__version__}")
     for name, (value, ours, bare) in rows.items():

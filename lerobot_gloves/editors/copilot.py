@@ -24,7 +24,7 @@ class Copilot:
         ValueError: If the posterior that it needs is not there.
     """
 
-    limit: float = -1.0
+    limit: float = 0.4
     needs_posterior = True
 
     @property

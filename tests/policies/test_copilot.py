@@ -84,6 +84,30 @@ def test_told_nothing_it_is_the_experts_flow_and_told_more_it_is_another(policy,
     torch.testing.assert_close(fields[-1].select(some)(x[some], t[some]), seen[-1][some])
 
 
+def test_a_share_of_what_is_told_proposals_sees_another_items_context(batch, monkeypatch):
+    new = make_policy("gloves_copilot", context_swap=0.6, alone_share=0.5, mean_share=0.5, samples_per_item=2000).train()
+    own, seen = new.network.encode(batch), {}
+    bind = new.network.bind
+
+    def spied_bind(observation, tokens):
+        seen["tokens"] = tokens
+        return bind(observation, tokens=tokens)
+
+    def spied_told(bound, proposals, there):
+        seen["alone"] = ~there[:, -1]
+        return told(bound, proposals, there)
+
+    monkeypatch.setattr(new.network, "bind", spied_bind)
+    monkeypatch.setattr("lerobot_policy_gloves.gloves_copilot.modeling_gloves_copilot.told", spied_told)
+    new(batch)
+    is_of = (seen["tokens"][:, None] == own[None]).flatten(2).all(dim=2).float().view(B, 2000, B)
+    alone = seen["alone"].view(B, 2000)
+    assert all(torch.equal(is_of[i][alone[i]].mean(dim=0), torch.eye(B)[i]) for i in range(B)), "the expert's flow: never"
+    for item in range(B):  # an item may meet itself
+        expected = 0.4 * torch.eye(B)[item] + 0.6 / B
+        torch.testing.assert_close(is_of[item][~alone[item]].mean(dim=0), expected, rtol=0, atol=0.06)
+
+
 def test_a_field_of_zero_has_the_loss_of_what_each_draw_asks_for(batch):
     """Of the mean: the action itself, squared. Of a flow: the action and noise of variance 1."""
     batch["action_is_pad"][0, -2:] = True
@@ -127,7 +151,7 @@ def test_an_edit_is_the_mean_and_limited_where_the_proposal_is_admitted_and_new(
     )
     edited = Copilot(limit=0.5)(proposal, reference)
     assert edited[:, 0, 0].tolist() == pytest.approx([0.3, 0.5, 2.0, 2.0])
-    assert torch.equal(Copilot()(proposal, reference), mean)
+    assert torch.equal(Copilot(limit=-1)(proposal, reference), mean)
     with pytest.raises(ValueError, match="copilot needs an adapter that reads proposals"):
         Copilot()(proposal, Reference(expert=None))
 
@@ -146,7 +170,7 @@ def test_the_score_and_the_mean_are_one_call_of_the_network(policy, batch):
     observation = {key: value for key, value in batch.items() if key in policy.config.input_features}
     proposal = batch["action"][:, -T:]
     bound, calls = policy.bind(observation, proposal[:, None] + 1), []
-    free = bound.edit(proposal, Copilot())
+    free = bound.edit(proposal, Copilot(limit=-1))
     policy.averaged.dit.register_forward_hook(lambda *_: calls.append(1))
     for steps, times in ((1, 1), (5, 5)):
         calls.clear()
@@ -165,6 +189,7 @@ def test_the_score_and_the_mean_are_one_call_of_the_network(policy, batch):
         ({"history": -1}, "history is -1, but must not be negative"),
         ({"decision_every": 7}, "decision_every is 7, but must lie between 1 and 6"),
         ({"strangers": 1.5}, "strangers is 1.5, but must lie in"),
+        ({"context_swap": -0.1}, "context_swap is -0.1, but must lie in"),
         ({"faults": ["laggy"]}, "there is no fault 'laggy': choose from held, "),
         (
             {"mean_share": 0.7, "alone_share": 0.4},

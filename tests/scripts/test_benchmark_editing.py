@@ -15,8 +15,8 @@ EVALUATIONS = {
     "FPAS (5 iterations of 16)": "80",
     "DDPM (gamma 0.3)": "14",  # int(49 x 0.3) of 50 steps
     "CSA": "1",
-    "copilot": "1",
-    "copilot, limited": "2",
+    "copilot, unlimited": "1",
+    "copilot": "2",
     "one-step gate": "1",
     "five-step gate": "5",
 }

@@ -60,16 +60,16 @@ def test_every_model_is_made_after_what_it_needs_and_only_once(made):
     sources = [f"recording agent_{source}" for source in ("none", "noised", "laggy", "slow", "shift")]
     assert labels(made) == [
         "recording state",
-        *("agent", "expert_flow", "ddpm_assist", "csa_teacher"),
-        *("calibration of expert_flow", "csa_student"),
+        *("agent", "expert_flow", "copilot", "ddpm_assist", "csa_teacher"),
+        *("calibration of expert_flow", "calibration of copilot", "csa_student"),
         *sources,
         *("merging", "align_flow", "calibration of align_flow"),
     ]
     Models("keypad", None, 1).make(everything)
-    assert len(made) == 15
+    assert len(made) == 17
     (Path("outputs/keypad/expert_flow/checkpoints/last/pretrained_model") / CALIBRATION_NAME).unlink()
     Models("keypad", None, 1).make(everything)
-    assert labels(made[15:]) == ["calibration of expert_flow"]
+    assert labels(made[17:]) == ["calibration of expert_flow"]
 
 
 def test_charger_has_fewer_proposals_to_each_of_the_experts(made):
@@ -108,7 +108,7 @@ def test_a_training_goes_on_from_its_last_checkpoint(made):
 def test_every_model_is_trained_on_its_data_and_the_student_by_its_teacher(made):
     Models("keypad", None, 1).make(list(train_models.MODELS))
     trained = {command.label: command.words for command in made if "lerobot-train" in command.words[0]}
-    assert list(trained) == [model for model in train_models.MODELS if model != "copilot"]  # not on Keypad yet
+    assert list(trained) == list(train_models.MODELS)
     for model, words in trained.items():
         data = "keypad_align" if model == "align_flow" else "keypad_state"
         assert {f"--dataset.repo_id=gloves/{data}", f"--dataset.root=outputs/datasets/{data}"} < set(words)

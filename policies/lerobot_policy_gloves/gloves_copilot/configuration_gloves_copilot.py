@@ -21,6 +21,9 @@ class GlovesCopilotConfig(FlowConfig):
     # Of the histories that go back beyond the episode's first decision, the share that goes on in another episode: a
     # demonstration may be a part of what the agent does, and what it did before that is then nothing to go by.
     strangers: float = 0.5
+    # Share of the draws that are told proposals and see another item's context: few demonstrations are soon known by
+    # heart, and whoever trusts what is observed without reserve believes them rather than what is proposed.
+    context_swap: float = 0.2
     # What the randomised agents of training suffer from, names of lerobot_gloves.faults.FAULTS.
     faults: list[str] = field(default_factory=lambda: ["scale", "offset", "noise", "drift", "delay", "replay"])
     # Share of those agents that have no fault.
@@ -40,8 +43,9 @@ class GlovesCopilotConfig(FlowConfig):
             raise ValueError(f"history is {self.history}, but must not be negative")
         if self.decision_every is not None and not 1 <= self.decision_every <= self.chunk_size:
             raise ValueError(f"decision_every is {self.decision_every}, but must lie between 1 and {self.chunk_size}")
-        if not 0.0 <= self.strangers <= 1.0:
-            raise ValueError(f"strangers is {self.strangers}, but must lie in [0, 1]")
+        for name in ("strangers", "context_swap"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} is {getattr(self, name)}, but must lie in [0, 1]")
         if min(self.mean_share, self.alone_share) < 0 or self.mean_share + self.alone_share > 1:
             raise ValueError(
                 f"mean_share and alone_share are {self.mean_share} and {self.alone_share}, but must share one whole"

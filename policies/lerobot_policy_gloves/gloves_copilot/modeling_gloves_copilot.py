@@ -86,6 +86,8 @@ class GlovesCopilotPolicy(FlowPolicy):
         alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
         network = self.network if self.training else self.averaged
         tokens = network.encode(batch).repeat_interleave(samples, dim=0)
+        swapped = ~alone & (rand(action.shape[:1], None, like=action) < config.context_swap)
+        tokens = torch.where(swapped[:, None, None], tokens[self._any(len(tokens), action)], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
         noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
         noise, t = torch.where(of_mean[:, None, None], 0.0, noise), torch.where(of_mean, 0.0, t)
@@ -111,8 +113,13 @@ class GlovesCopilotPolicy(FlowPolicy):
         """The same, where some of what lies before an episode is made of other items of the batch, and is there."""
         rows = len(chunks)
         mixed = rand((rows, 1), None, like=chunks) < self.config.strangers
-        other = chunks[(rand((rows,), None, like=chunks) * rows).long()]
+        other = chunks[self._any(rows, chunks)]
         return torch.where((mixed & ~there)[..., None, None], other, chunks), there | mixed
+
+    @staticmethod
+    def _any(rows: int, like: Tensor) -> Tensor:
+        """For each of so many rows, any of them."""
+        return (rand((rows,), None, like=like) * rows).long()
 
     @torch.no_grad()
     def bind(self, observation: Mapping[str, Tensor], history: Tensor | None = None) -> BoundCopilot:
