@@ -48,3 +48,11 @@ def told(bound: BoundVelocity, proposals: Tensor, there: Tensor) -> BoundVelocit
     near = _LIKE_DATA * torch.asinh(proposals / _LIKE_DATA)
     marked = torch.cat([near * mark, mark.expand(*proposals.shape[:3], 1)], dim=-1)
     return bound.with_beside(marked.transpose(1, 2).flatten(2))
+
+
+def repeats(proposals: Tensor, there: Tensor) -> Tensor:
+    """Whether the last of proposals (B, K, T, A), K at least 2, is the one before it again, which was told: bool (B,).
+
+    No policy proposes the same twice to the last bit: what comes again says nothing of what is wanted now.
+    """
+    return (proposals[:, -1] == proposals[:, -2]).flatten(1).all(dim=1) & there[:, -2]

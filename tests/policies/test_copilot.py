@@ -10,7 +10,7 @@ from lerobot.policies import get_policy_class
 from lerobot.scripts.lerobot_train import train
 
 from lerobot_gloves.editors import Copilot, Reference
-from lerobot_gloves.networks.copilot import told
+from lerobot_gloves.networks.copilot import repeats, told
 from lerobot_gloves.scores import ReverseScore
 from tests.builders import (
     FLOW,
@@ -85,7 +85,8 @@ def test_told_nothing_it_is_the_experts_flow_and_told_more_it_is_another(policy,
 
 
 def test_a_share_of_what_is_told_proposals_sees_another_items_context(batch, monkeypatch):
-    new = make_policy("gloves_copilot", context_swap=0.6, alone_share=0.5, mean_share=0.5, samples_per_item=2000).train()
+    shares = {"context_swap": 0.6, "alone_share": 0.5, "mean_share": 0.5, "faults": ["replay"], "healthy": 0.5}
+    new = make_policy("gloves_copilot", **shares, samples_per_item=4000).train()
     own, seen = new.network.encode(batch), {}
     bind = new.network.bind
 
@@ -95,17 +96,27 @@ def test_a_share_of_what_is_told_proposals_sees_another_items_context(batch, mon
 
     def spied_told(bound, proposals, there):
         seen["alone"] = ~there[:, -1]
+        seen["again"] = (proposals[:, -1] == proposals[:, -2]).all(dim=2).all(dim=1)
         return told(bound, proposals, there)
 
     monkeypatch.setattr(new.network, "bind", spied_bind)
     monkeypatch.setattr("lerobot_policy_gloves.gloves_copilot.modeling_gloves_copilot.told", spied_told)
     new(batch)
-    is_of = (seen["tokens"][:, None] == own[None]).flatten(2).all(dim=2).float().view(B, 2000, B)
-    alone = seen["alone"].view(B, 2000)
-    assert all(torch.equal(is_of[i][alone[i]].mean(dim=0), torch.eye(B)[i]) for i in range(B)), "the expert's flow: never"
-    for item in range(B):  # an item may meet itself
-        expected = 0.4 * torch.eye(B)[item] + 0.6 / B
-        torch.testing.assert_close(is_of[item][~alone[item]].mean(dim=0), expected, rtol=0, atol=0.06)
+    is_of = (seen["tokens"][:, None] == own[None]).flatten(2).all(dim=2).float().view(B, 4000, B)
+    alone, again = (seen[name].view(B, 4000) for name in ("alone", "again"))
+    for item, own in enumerate(torch.eye(B)):  # an item may meet itself
+        assert torch.equal(is_of[item][alone[item]].mean(dim=0), own), "the expert's flow sees its own"
+        assert torch.equal(is_of[item][~alone[item] & again[item]].mean(dim=0), own), "a repetition tells nothing"
+        others = is_of[item][~alone[item] & ~again[item]].mean(dim=0)
+        torch.testing.assert_close(others, 0.4 * own + 0.6 / B, rtol=0, atol=0.06)
+
+
+def test_a_repetition_is_the_last_proposal_to_the_bit_where_there_was_one():
+    one, other = torch.zeros(T, A), torch.zeros(T, A)
+    other[-1, -1] = 1e-7
+    proposals = torch.stack([torch.stack(pair) for pair in ((one, one), (one, other), (one, one))])
+    there = torch.tensor([[True, True], [True, True], [False, True]])
+    assert repeats(proposals, there).tolist() == [True, False, False]
 
 
 def test_a_field_of_zero_has_the_loss_of_what_each_draw_asks_for(batch):

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from lerobot_gloves.editors import Reference
 from lerobot_gloves.networks import BoundVelocity
-from lerobot_gloves.networks.copilot import told
+from lerobot_gloves.networks.copilot import repeats, told
 
 
 class BoundCopilot:
@@ -44,7 +44,7 @@ class BoundCopilot:
         chunks = torch.cat([chunks[:, :1].expand(-1, missing, -1, -1), chunks], dim=1)
         there = (torch.arange(self.proposals, device=proposal.device) >= missing).expand(len(proposal), -1)
         posterior = told(self.expert, chunks, there)
-        repeated = (chunks[:, -1] == chunks[:, -2]).flatten(1).all(dim=1) & there[:, -2] if self.proposals > 1 else None
+        repeated = repeats(chunks, there) if self.proposals > 1 else None
         edited = editor(proposal, Reference(self.expert, posterior=posterior, repeated=repeated, **given))
         self._posterior_evaluations += posterior.evaluations
         return edited

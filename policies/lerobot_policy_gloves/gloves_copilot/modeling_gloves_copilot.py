@@ -11,7 +11,7 @@ from lerobot_gloves.editors import EDITORS, Copilot
 from lerobot_gloves.faults import Units
 from lerobot_gloves.flow import interpolate, mean_per_chunk
 from lerobot_gloves.generators import rand, randn
-from lerobot_gloves.networks.copilot import CopilotNetwork, told
+from lerobot_gloves.networks.copilot import CopilotNetwork, repeats, told
 from lerobot_gloves.scores import SCORES
 
 from .bound_copilot import BoundCopilot
@@ -87,6 +87,8 @@ class GlovesCopilotPolicy(FlowPolicy):
         network = self.network if self.training else self.averaged
         tokens = network.encode(batch).repeat_interleave(samples, dim=0)
         swapped = ~alone & (rand(action.shape[:1], None, like=action) < config.context_swap)
+        if config.history:
+            swapped &= ~repeats(proposals, there)
         tokens = torch.where(swapped[:, None, None], tokens[self._any(len(tokens), action)], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
         noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
