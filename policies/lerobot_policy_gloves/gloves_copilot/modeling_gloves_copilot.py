@@ -89,7 +89,8 @@ class GlovesCopilotPolicy(FlowPolicy):
         swapped = ~alone & (rand(action.shape[:1], None, like=action) < config.context_swap)
         if config.history:
             swapped &= ~repeats(proposals, there)
-        tokens = torch.where(swapped[:, None, None], tokens[self._any(len(tokens), action)], tokens)
+        other = torch.randint(len(tokens), (len(tokens),), device=tokens.device)
+        tokens = torch.where(swapped[:, None, None], tokens[other], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
         noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
         noise, t = torch.where(of_mean[:, None, None], 0.0, noise), torch.where(of_mean, 0.0, t)
@@ -115,13 +116,8 @@ class GlovesCopilotPolicy(FlowPolicy):
         """The same, where some of what lies before an episode is made of other items of the batch, and is there."""
         rows = len(chunks)
         mixed = rand((rows, 1), None, like=chunks) < self.config.strangers
-        other = chunks[self._any(rows, chunks)]
+        other = chunks[torch.randint(rows, (rows,), device=chunks.device)]
         return torch.where((mixed & ~there)[..., None, None], other, chunks), there | mixed
-
-    @staticmethod
-    def _any(rows: int, like: Tensor) -> Tensor:
-        """For each of so many rows, any of them."""
-        return (rand((rows,), None, like=like) * rows).long()
 
     @torch.no_grad()
     def bind(self, observation: Mapping[str, Tensor], history: Tensor | None = None) -> BoundCopilot:
