@@ -44,7 +44,7 @@ class BoundCopilot:
         chunks = torch.cat([chunks[:, :1].expand(-1, missing, -1, -1), chunks], dim=1)
         there = (torch.arange(self.proposals, device=proposal.device) >= missing).expand(len(proposal), -1)
         posterior = told(self.expert, chunks, there)
-        repeated = repeats(chunks, there) if self.proposals > 1 else None
+        repeated = repeats(chunks, there)[:, -1]
         edited = editor(proposal, Reference(self.expert, posterior=posterior, repeated=repeated, **given))
         self._posterior_evaluations += posterior.evaluations
         return edited

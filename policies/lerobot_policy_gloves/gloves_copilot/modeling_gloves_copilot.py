@@ -86,9 +86,8 @@ class GlovesCopilotPolicy(FlowPolicy):
         alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
         network = self.network if self.training else self.averaged
         tokens = network.encode(batch).repeat_interleave(samples, dim=0)
-        swapped = ~alone & (rand(action.shape[:1], None, like=action) < config.context_swap)
-        if config.history:
-            swapped &= ~repeats(proposals, there)
+        swapped = ~alone & ~repeats(proposals, there)[:, -1]
+        swapped &= rand(action.shape[:1], None, like=action) < config.context_swap
         other = torch.randint(len(tokens), (len(tokens),), device=tokens.device)
         tokens = torch.where(swapped[:, None, None], tokens[other], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
