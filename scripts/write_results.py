@@ -9,13 +9,15 @@ the first page, with names in braces for its figures.
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 from lerobot_gloves.benchmark.folder import read_rows
+from lerobot_gloves.benchmark.matrix_file import read_chosen, read_yaml
 from lerobot_gloves.report.html_page import svg
 from lerobot_gloves.report.markdown import markdown, report_markdown
-from lerobot_gloves.report.overall import Overall, overall_table
+from lerobot_gloves.report.overall import REFERENCES, Overall, overall_table
 from lerobot_gloves.report.paper import COLUMNS, KINDS, published_gain, published_mean, published_wins
 from lerobot_gloves.report.plots import overall_plot
 from lerobot_gloves.report.summary import summarise
@@ -23,6 +25,7 @@ from lerobot_gloves.specification import NONE
 from lerobot_gloves.system.files import whole
 
 DOCS = Path(__file__).parents[1] / "docs"
+BENCH = DOCS.parent / "configs" / "bench"
 TASKS = {"slalom": "Slalom", "keypad": "Keypad", "can": "CAN", "charger": "Charger Plug"}
 OTHERS = "measurements"
 PICTURE = "images/results.svg"
@@ -33,7 +36,6 @@ MADE = "This page is written by `python scripts/write_results.py` from `docs/row
 
 def overview(overall: Overall) -> str:
     """The page that comes first: docs/rows/overview.md with the figures that it asks for."""
-    told = {method: overall.differences(method) for method in COLUMNS}
     mean = {method: overall.mean(method) for method in COLUMNS}
     paper = {method: published_mean(method) for method in COLUMNS}
     unperturbed = {
@@ -46,16 +48,18 @@ def overview(overall: Overall) -> str:
         .format(
             made=MADE,
             pages=", ".join(f"[{title}](results/{task}.md)" for task, title in TASKS.items()),
-            table=markdown(overall_table(overall)),
+            table=markdown(overall_table(overall, searched(overall))),
             cells=len(overall.cells),
             rescaled=overall.rescaled,
+            **{
+                f"to_{name}": {method: overall.against(method, other) for method in COLUMNS if method not in REFERENCES}
+                for name, other in zip(("raw", "csa"), REFERENCES, strict=True)
+            },
             mean=mean,
             paper=paper,
-            below={method: sum(one.mean < 0 for one in found) for method, found in told.items()},
-            surely={method: sum(one.low > 0 for one in found) for method, found in told.items()},
+            below={method: sum(one.mean < 0 for one in overall.differences(method)) for method in COLUMNS},
             theirs={method: published_wins(method) for method in COLUMNS},
             leads={method: overall.leads(method) for method in COLUMNS},
-            behind=mean["CSA"] - max(mean[method] for method in FEEG),
             gate={"ours": mean["IFAE"] - mean["IFAE+gate"], "paper": paper["IFAE+gate"] - paper["IFAE"]},
             harm=max(-100 * one.mean for one in unperturbed["FEEG"]),
             least=min(100 * one.low for one in unperturbed["FEEG+gate"]),
@@ -71,7 +75,7 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
     cells, methods = len(played.cells), [method for method in played.methods if method != OURS]
     lowest = {section.name: 100 * section.results[NONE, OURS].difference.low for section in played.sections}
     return {
-        "copilot_table": markdown(overall_table(played)),
+        "copilot_table": markdown(overall_table(played, searched(played))),
         "copilot_tasks": len(played.sections),
         "copilot_cells": cells,
         "copilot_mean": {method: played.mean(method) for method in played.methods},
@@ -80,6 +84,29 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
         "copilot_furthest": played.behind_the_best(OURS),
         "copilot_above_raw": sum(one.low > 0 for one in played.differences(OURS)),
         "copilot_unperturbed": ", ".join(f"{low:+.1f} ({name})" for name, low in lowest.items()),
+    }
+
+
+def searched(overall: Overall) -> dict[str, str]:
+    """By method, how many settings a search tried for each task, the fewest and the most; the raw agent has none.
+
+    Raises:
+        ValueError: If rows were not played with the settings that the search chose.
+    """
+    found: dict[str, list[int]] = {method: [] for method in overall.methods if method != COLUMNS[0]}
+    for section in overall.sections:
+        chosen = read_chosen(str(BENCH.parents[1] / read_yaml(BENCH / f"{section.name}.yaml")["chosen"]))
+        chosen = chosen[section.name]["methods"]
+        tried = read_yaml(BENCH / f"{section.name}_search.yaml")["tasks"][section.name]["methods"]
+        for method, counts in found.items():
+            name, _, options = chosen.get(method, {}).get("editor", "").partition(":")
+            played = section.methods[method].specification
+            if method in chosen and not {name, *options.split(",")} <= set(re.split("[:,+]", played)):
+                raise ValueError(f"{section.name}: {method} was played as {played}, but {chosen[method]} was chosen")
+            counts.append(len(tried[method]["settings"]) if method in chosen else 0)
+    return {
+        method: str(counts[0]) if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
+        for method, counts in found.items()
     }
 
 

@@ -65,7 +65,7 @@ def plots(section: Section, *, paper: bool = False) -> dict[str, Figure]:
     if len(section.methods) > MOST_METHODS:
         return {}
     with matplotlib.rc_context(STYLE):
-        made = {"Success per cell, with 95 % Wilson intervals": success_plot(section, paper=paper)}
+        made = {"Success per cell, with the table's 95 % intervals": success_plot(section, paper=paper)}
         if any(result.chunks for result in section.results.values()):
             made["Fidelity against success: distance of executed from proposed actions, one panel a perturbation"] = (
                 fidelity_plot(section)

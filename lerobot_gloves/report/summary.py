@@ -2,22 +2,33 @@
 
 import json
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, stdev
-from typing import Any
+from typing import Any, NamedTuple
 
 from lerobot_gloves.benchmark.alike import Conditions, differences, parts, shared
 from lerobot_gloves.benchmark.cell import gated
 from lerobot_gloves.benchmark.row import Row
 from lerobot_gloves.evaluation import histogram
 from lerobot_gloves.evaluation.episode import Episode
+from lerobot_gloves.report.initial_states import initial_state
 from lerobot_gloves.report.paper import COLUMNS, KINDS
-from lerobot_gloves.report.statistics import PairedDifference, paired_difference, wilson
+from lerobot_gloves.report.statistics import PairedDifference, holm, paired_difference, success_interval
 from lerobot_gloves.specification import NONE, name_of
 
-type _Episodes = dict[tuple[int, int], Episode]
-"""Episodes of one perturbation and method, by the policies' seed and the environment's."""
+
+class Played(NamedTuple):
+    """Which episode: the policies' seed, the environment's, and what the task begins with there."""
+
+    seed: int
+    environment: int
+    state: Hashable
+
+
+type Outcomes = dict[Played, bool]
+"""Whether each episode of one perturbation and method succeeded."""
+type _Episodes = dict[Played, Episode]
 
 
 @dataclass(frozen=True)
@@ -30,8 +41,9 @@ class Result:
         successes: How many of them succeeded.
         mean: Mean over the seeds of their success rates.
         deviation: Standard deviation over the seeds; None for a single one.
-        low: Lower end of the 95 % Wilson interval over all episodes.
+        low: Lower end of the 95 % Wilson interval over all episodes, see `success_interval`.
         high: Upper end.
+        outcomes: All episodes.
         failures: How often the others failed in which way, most frequent first.
         difference: To the raw agent in the same episodes; None for itself, and where the two share no episode.
         chunks: Proposals that the adapter saw.
@@ -52,6 +64,7 @@ class Result:
     deviation: float | None
     low: float
     high: float
+    outcomes: Outcomes
     failures: dict[str, int]
     difference: PairedDifference | None
     chunks: int
@@ -62,6 +75,11 @@ class Result:
     scores_left: dict[int, int]
     scores_edited: dict[int, int]
     rank: int = 0
+
+    @property
+    def states(self) -> int:
+        """In how many states its episodes begin."""
+        return len({played.state for played in self.outcomes})
 
 
 @dataclass(frozen=True)
@@ -99,6 +117,18 @@ class Section:
         """The most seeds that a result has."""
         return max(result.seeds for result in self.results.values())
 
+    @property
+    def states(self) -> int | None:
+        """The most initial states that a result's episodes share; None where each begins in its own, or all alike."""
+        shared = [result.states for result in self.results.values() if 1 < result.states < result.episodes]
+        return max(shared, default=None)
+
+    @property
+    def corrected(self) -> dict[tuple[str, str], float]:
+        """The p-values of the differences to the raw agent, Holm-corrected for the number of all of them."""
+        found = {key: result.difference.p_value for key, result in self.results.items() if result.difference}
+        return dict(zip(found, holm(list(found.values())), strict=True))
+
 
 def summarise(rows: Sequence[Row]) -> list[Section]:
     """The figures of a benchmark, or of several: a section for each task, agent and split.
@@ -117,22 +147,24 @@ def summarise(rows: Sequence[Row]) -> list[Section]:
 def _section(rows: Sequence[Row]) -> Section:
     _check_made_alike(rows)
     found: dict[tuple[str, str], _Episodes] = defaultdict(dict)
+    state = initial_state(shared(rows[0].conditions)["env"])
     for row in _without_repetitions(rows):
         for episode in row.episodes:
-            found[row.cell.line, row.cell.column][row.cell.seed, episode.seed] = episode
+            played = Played(row.cell.seed, episode.seed, state(episode.seed))
+            found[row.cell.line, row.cell.column][played] = episode
     methods: dict[str, Row] = {}
     for row in sorted(rows, key=_column_order):
         methods.setdefault(row.cell.column, row)
     raw = next((name for name, row in methods.items() if row.cell.raw), None)
     results = {
-        (perturbation, name): _result(episodes, {} if name == raw else found.get((perturbation, raw or ""), {}))
+        (perturbation, name): _result(episodes, None if name == raw else found.get((perturbation, raw or "")))
         for (perturbation, name), episodes in found.items()
     }
     perturbations = {row.cell.line: str(row.conditions["perturbation"]) for row in sorted(rows, key=_line_order)}
     for name in perturbations:
-        played = {method: episodes.keys() for (here, method), episodes in found.items() if here == name}
-        if len(set(map(frozenset, played.values()))) == 1:
-            for method, rank in ranks({method: results[name, method].mean for method in played}).items():
+        beside = {method: episodes.keys() for (here, method), episodes in found.items() if here == name}
+        if len(set(map(frozenset, beside.values()))) == 1:
+            for method, rank in ranks({method: results[name, method].mean for method in beside}).items():
                 results[name, method] = replace(results[name, method], rank=rank)
     return Section(
         name=rows[0].task,
@@ -173,16 +205,27 @@ def _without_repetitions(rows: Sequence[Row]) -> Iterable[Row]:
             raise ValueError(f"{cell} is there twice, with different outcomes: report only one of the folders")
 
 
-def _result(episodes: _Episodes, raw: _Episodes) -> Result:
+def compare(before: Outcomes, after: Outcomes) -> PairedDifference | None:
+    """A method's outcomes minus another's in the episodes that both have; None if there are none."""
+    pairs = sorted(before.keys() & after.keys(), key=lambda played: played[:2])
+    if not pairs:
+        return None
+    clusters = [played.state for played in pairs]
+    return paired_difference([before[one] for one in pairs], [after[one] for one in pairs], clusters)
+
+
+def _outcomes(episodes: _Episodes) -> Outcomes:
+    return {played: episode.success for played, episode in episodes.items()}
+
+
+def _result(episodes: _Episodes, raw: _Episodes | None) -> Result:
+    outcomes = _outcomes(episodes)
     by_seed = defaultdict(list)
-    for (seed, _), episode in episodes.items():
-        by_seed[seed].append(episode.success)
-    rates = [fmean(outcomes) for outcomes in by_seed.values()]
-    successes = sum(episode.success for episode in episodes.values())
-    low, high = wilson(successes, len(episodes))
+    for played, success in outcomes.items():
+        by_seed[played.seed].append(success)
+    rates = [fmean(successes) for successes in by_seed.values()]
+    low, high = success_interval(list(outcomes.values()), [played.state for played in outcomes])
     failures = Counter(episode.failure for episode in episodes.values() if not episode.success)
-    pairs = sorted(episodes.keys() & raw.keys())
-    before, after = [raw[pair].success for pair in pairs], [episodes[pair].success for pair in pairs]
     chunks = sum(episode.chunks for episode in episodes.values())
 
     def over_chunks(name: str) -> float | None:
@@ -192,13 +235,14 @@ def _result(episodes: _Episodes, raw: _Episodes) -> Result:
     return Result(
         seeds=len(rates),
         episodes=len(episodes),
-        successes=successes,
+        successes=sum(outcomes.values()),
         mean=fmean(rates),
         deviation=stdev(rates) if len(rates) > 1 else None,
         low=low,
         high=high,
+        outcomes=outcomes,
         failures=dict(sorted(failures.items(), key=lambda item: (-item[1], item[0]))),
-        difference=paired_difference(before, after) if pairs else None,
+        difference=None if raw is None else compare(_outcomes(raw), outcomes),
         chunks=chunks,
         intervention=sum(episode.edited for episode in episodes.values()) / chunks if chunks else None,
         distance=over_chunks("distance"),

@@ -8,6 +8,7 @@ from lerobot_gloves.benchmark.cell import PERTURBED
 from lerobot_gloves.report.paper import COLUMNS, SOURCE, Published, published
 from lerobot_gloves.report.statistics import PairedDifference
 from lerobot_gloves.report.summary import Result, Section, ranks
+from lerobot_gloves.report.told import WHAT_IT_IS_TOLD, told
 from lerobot_gloves.specification import NONE, name_of
 
 MISSING = "–"
@@ -53,11 +54,7 @@ def tables(section: Section, *, paper: bool = False) -> list[Table]:
     corrected = [name for name in section.methods if name != section.raw]
     made = [success(section, paper=paper)]
     if section.raw is not None and corrected:
-        caption = (
-            "Success minus the raw agent's in the same episodes, in points [95 % interval, Newcombe's for pairs], "
-            "p of the exact McNemar test."
-        )
-        made.append(_table(section, corrected, caption, lambda result: difference(result.difference)))
+        made.append(differences(section, corrected))
     if any(result.chunks for result in section.results.values()):
         caption = (
             "Intervention rate: chunks edited; distance: mean of executed from proposed actions, "
@@ -77,17 +74,53 @@ def success(section: Section, *, paper: bool) -> Table:
     theirs = comparable(section) if paper else {}
     columns = _columns([section], paper=bool(theirs))
     deviation = "mean ± standard deviation over seeds" if section.seeds > 1 else "mean"
-    caption = f"Success in %: {deviation} [95 % Wilson interval over all episodes]; {MARKS}."
+    caption = f"Success in %: {deviation} [95 % Wilson interval over all episodes{robust(section)}]; {MARKS}."
     if theirs:
         caption += f" {PAPER_LINES}"
-    return Table(caption, ["perturbation", *columns], _success_lines(section, columns, theirs, success_text))
+    lines = [told_line([section], columns), *_success_lines(section, columns, theirs, success_text)]
+    return Table(caption, ["perturbation", *columns], lines)
+
+
+def differences(section: Section, columns: Sequence[str]) -> Table:
+    """Every method's paired difference to the raw agent, with its interval and its p-value among all of them."""
+    test = "sign-flip test by initial state" if section.states else "McNemar test"
+    caption = (
+        "Success minus the raw agent's in the same episodes, in points [95 % interval, Newcombe's for pairs"
+        f"{robust(section)}], p of the exact {test}, Holm-corrected (comparisons in this table: "
+        f"{len(section.corrected)})."
+    )
+    lines = []
+    for perturbation in section.perturbations:
+        line = [Entry(perturbation)]
+        for name in columns:
+            result, key = section.results.get((perturbation, name)), (perturbation, name)
+            found = result and result.difference
+            line.append(Entry(difference(found, section.corrected[key]) if found else MISSING))
+        lines.append(line)
+    return Table(caption, ["perturbation", *columns], lines)
+
+
+def robust(section: Section) -> str:
+    """What a caption says of intervals whose episodes are not independent; "" where they are."""
+    return f", cluster-robust: the episodes share {section.states} initial states" if section.states else ""
+
+
+def told_line(sections: Sequence[Section], columns: Sequence[str]) -> list[Entry]:
+    """The line that says of each column what it is told of the fault."""
+
+    def entry(column: str) -> Entry:
+        known = {told(section.methods[column]) for section in sections if column in section.methods}
+        return Entry(" or ".join(sorted(one or MISSING for one in known)) or MISSING)
+
+    return [Entry(WHAT_IT_IS_TOLD), *map(entry, columns)]
 
 
 def overview(sections: Sequence[Section], *, paper: bool) -> Table:
     """All tasks in one table, as the paper has them; its lines stand below each task's, once."""
     theirs = paper_lines(sections) if paper else {}
     columns = _columns(sections, paper=any(theirs.values()))
-    lines = []
+    head, *entries = told_line(sections, columns)
+    lines = [[head, Entry(""), *entries]]
     for section in sections:
         name = f"{section.name}, {section.shared['split']}"
         figures = theirs.pop(section.task, {})
@@ -179,11 +212,9 @@ def success_text(result: Result) -> str:
     return f"{mean_text(result)}\n[{100 * result.low:.1f}, {100 * result.high:.1f}]"
 
 
-def difference(found: PairedDifference | None) -> str:
-    """The paired difference to the raw agent, in points."""
-    if found is None:
-        return MISSING
-    p = f"p = {found.p_value:.3f}" if found.p_value >= 0.001 else "p < 0.001"
+def difference(found: PairedDifference, corrected: float) -> str:
+    """The paired difference to another method, in points, and its corrected p-value."""
+    p = f"p = {corrected:.3f}" if corrected >= 0.001 else "p < 0.001"
     return f"{100 * found.mean:+.1f}\n[{100 * found.low:+.1f}, {100 * found.high:+.1f}],\n{p}"
 
 

@@ -88,6 +88,13 @@ class TaskConfig(EnvConfig):
             "render_mode": self.render_mode,
         }
 
+    def initial_state(self, seed: int) -> str | None:
+        """What the episode of a seed begins with, where other seeds begin with the same; None where all differ.
+
+        Episodes that share it are no independent ones: reports count them as a cluster.
+        """
+        return None
+
     @property
     def demonstration_kwargs(self) -> dict[str, Any]:
         """Its arguments where the scripted expert demonstrates."""

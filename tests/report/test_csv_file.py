@@ -27,6 +27,7 @@ def test_every_figure_of_a_line() -> None:
     expected = {
         "seeds": 2,
         "episodes": 8,
+        "initial_states": 8,
         "successes": 5,
         "success_mean": 0.625,
         "success_std": 0.1767767,
@@ -37,7 +38,8 @@ def test_every_figure_of_a_line() -> None:
         "difference": 0.375,
         "difference_low": difference_low,
         "difference_high": difference_high,
-        "mcnemar_p": 0.25,
+        "p": 0.25,
+        "p_holm": 0.25,
         "chunks": 60,
         "intervention_rate": 0.4,
         "distance": 0.2,
@@ -46,23 +48,34 @@ def test_every_figure_of_a_line() -> None:
         "failed_collision": 3,
     }
     assert found == pytest.approx(expected, rel=1e-5)
-    assert [line[key] for key in ("task", "split", "agent", "adapter", "specification")] == [
+    assert [line[key] for key in ("task", "split", "agent", "adapter", "specification", "told")] == [
         "gloves_slalom",
         "test",
         "my/agent",
         "my/adapter",
         "feeg+gate",
+        "nothing",
     ]
 
 
-KEYS = ("task", "split", "agent", "perturbation", "strength", "method", "specification", "adapter", "source")
+KEYS = ("task", "split", "agent", "perturbation", "strength", "method", "specification", "adapter", "told", "source")
+
+
+def test_p_is_of_one_comparison_and_p_holm_of_all() -> None:
+    rows = [row("slow", "none", 0, [0] * 4), *(row("slow", name, 0, [1] * 4) for name in ("feeg", "fpas", "mine"))]
+    lines = read(report_csv(loaded(rows)))
+    assert [float(lines["slow", name, "measured"][key]) for name in ("feeg", "mine") for key in ("p", "p_holm")] == [
+        *(0.125, 0.375),
+        *(0.125, 0.375),
+    ]
+    assert lines["slow", "mine", "measured"]["told"] == ""
 
 
 def test_what_there_is_not_is_empty() -> None:
     line = read(report_csv(loaded(ROWS)))["none", "agent", "measured"]
     empty = {key for key, value in line.items() if value == ""}
     assert empty == {
-        *("success_std", "rank", "adapter", "pairs", "difference", "difference_low", "difference_high", "mcnemar_p"),
+        *("success_std", "rank", "adapter", "pairs", "difference", "difference_low", "difference_high", "p", "p_holm"),
         *("intervention_rate", "distance", "milliseconds", "evaluations"),
     }
     assert line["failed_collision"] == "0"

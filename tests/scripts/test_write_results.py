@@ -3,6 +3,9 @@
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 from scripts import write_results
 
@@ -25,3 +28,17 @@ def test_the_pages_follow_from_the_rows(tmp_path):
 
 def test_the_first_page_is_one_that_a_person_reads():
     assert len((DOCS / "results.md").read_text().splitlines()) <= 150
+
+
+def played(**specifications):
+    """Slalom's columns, as if they had been played with these settings."""
+    methods = {name: SimpleNamespace(specification=text) for name, text in specifications.items()}
+    return SimpleNamespace(methods=list(methods), sections=[SimpleNamespace(name="slalom", methods=methods)])
+
+
+def test_a_search_is_told_of_only_where_its_choice_was_played():
+    """Slalom's search chose ddpm:gamma=0.3 of twelve, and has no copilot."""
+    known = played(agent="none", DDPM="ddpm:gamma=0.3,other=1", copilot="copilot:limit=0.4")
+    assert write_results.searched(known) == {"DDPM": "12", "copilot": "0"}
+    with pytest.raises(ValueError, match=r"slalom: DDPM was played as ddpm:gamma=0.35, but .*gamma=0\.3"):
+        write_results.searched(played(DDPM="ddpm:gamma=0.35"))

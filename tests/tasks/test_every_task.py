@@ -4,6 +4,7 @@ import importlib
 import subprocess
 import sys
 from importlib.metadata import metadata
+from itertools import combinations
 
 import gymnasium as gym
 import numpy as np
@@ -77,6 +78,30 @@ def test_the_environment_answers_gymnasium_as_it_promises(name):
     for _ in range(5):
         observation, *_ = env.step(env.action_space.sample())
         assert env.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_seeds_begin_alike_exactly_where_the_task_says_so(name):
+    known = config(name)
+    env = gym.make(known.gym_id, disable_env_checker=True).unwrapped
+    seeds = [10000, 10001, 10004, 10024, 10048, 10729, 10730]
+    begun = {}
+    for seed in seeds:
+        observation, _ = env.reset(seed=seed)
+        begun[seed] = env.task, *(tuple(value.ravel()) for value in observation.values())
+    for one, other in combinations(seeds, 2):
+        said = known.initial_state(one) is not None and known.initial_state(one) == known.initial_state(other)
+        assert said == (begun[one] == begun[other]), (one, other)
+    assert len({known.initial_state(seed) for seed in range(2000)}) == {"gloves_slalom": 24, "gloves_keypad": 729}.get(
+        name, 1
+    )
+
+
+def test_a_fixed_mode_is_every_episodes_and_a_press_is_like_no_other():
+    slalom, keypad = (EnvConfig.get_choice_class(f"gloves_{name}") for name in ("slalom", "keypad"))
+    assert {slalom(mode="0 2 3").initial_state(seed) for seed in range(30)} == {"0 2 3"}
+    assert {keypad(mode="4 0 8").initial_state(seed) for seed in range(30)} == {"4 0 8"}
+    assert keypad(episode="press").initial_state(0) is None
 
 
 @pytest.mark.parametrize(("name", "number"), [(name, number) for name, (number, _) in TASKS.items()])

@@ -7,7 +7,7 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskConfig
-from lerobot_gloves.tasks.keypad.scene import CAMERAS, CODES, PRESSES, check_mode
+from lerobot_gloves.tasks.keypad.scene import CAMERAS, CODES, PRESSES, check_mode, code_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,6 +57,10 @@ class KeypadEnv(TaskConfig):
     def demonstration_kwargs(self) -> dict[str, Any]:
         """The same for single presses, which make up codes."""
         return {**self.gym_kwargs, "episode": "press"}
+
+    def initial_state(self, seed: int) -> str | None:
+        """The code, where nothing else differs; a press is a cut-out of its own."""
+        return (self.mode or code_of(seed)) if self.episode == "code" else None
 
     def make_expert(self, rng: "np.random.Generator") -> "KeypadExpert":
         """The scripted expert that demonstrates this task."""

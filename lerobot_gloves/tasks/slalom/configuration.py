@@ -7,7 +7,7 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from lerobot_gloves.tasks.configuration import OBS_GOAL, TaskConfig
-from lerobot_gloves.tasks.slalom.scene import CAMERA, GAPS, MODES, PILLARS, parse_mode
+from lerobot_gloves.tasks.slalom.scene import CAMERA, GAPS, MODES, PILLARS, mode_of, parse_mode
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,6 +48,10 @@ class SlalomEnv(TaskConfig):
     def gym_kwargs(self) -> dict[str, Any]:
         """Arguments of `environment.Slalom`."""
         return {**super().gym_kwargs, "mode": self.mode}
+
+    def initial_state(self, seed: int) -> str:
+        """The corridor: nothing else differs."""
+        return self.mode or mode_of(seed)
 
     def make_expert(self, rng: "np.random.Generator") -> "SlalomExpert":
         """The scripted expert that demonstrates this task."""

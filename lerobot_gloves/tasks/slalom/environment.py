@@ -78,7 +78,7 @@ class Slalom(MujocoEnvironment):
         return self._mode
 
     def _mode_of(self, number: int) -> str:
-        return scene.MODES[number]
+        return scene.mode_of(number)
 
     def _begin_mode(self, mode: str) -> None:
         self._gaps = scene.parse_mode(mode)
