@@ -83,7 +83,7 @@ def sign_flip(differences: Sequence[int], clusters: Sequence[Hashable]) -> float
     sums = [abs(round(one)) for one in totals(differences, clusters)]
     shares: np.ndarray = np.ones(1)  # of the choices of signs, by total, from the lowest to the highest, in steps of 2
     for one in filter(None, sums):
-        shares = (np.pad(shares, (one, 0)) + np.pad(shares, (0, one))) / 2
+        shares = np.convolve(shares, [0.5, *[0.0] * (one - 1), 0.5])
     found = abs(sum(differences))
     ends = (sum(sums) - found) // 2 + 1  # how many totals are as low as that, and as many as high
     return float(min(1.0, 2 * shares[:ends].sum()))
