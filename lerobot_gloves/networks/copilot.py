@@ -23,7 +23,7 @@ class CopilotNetwork(VelocityNetwork):
     """
 
     def __init__(self, action_dim: int, *, proposals: int, **network: object):
-        self.beside_dim = proposals * (action_dim + 1)
+        self.beside_dim = proposals * (action_dim + 2)
         super().__init__(action_dim, beside_dim=self.beside_dim, **network)  # type: ignore[arg-type]
 
     def bind(
@@ -43,16 +43,17 @@ def told(bound: BoundVelocity, proposals: Tensor, there: Tensor) -> BoundVelocit
         proposals: Normalised chunks (B, K, T, A), the oldest first, the one to be corrected last.
         there: Which of them are told, bool (B, K): at an episode's beginning there are fewer.
     """
-    mark = there[:, :, None, None].to(proposals.dtype)
+    marks = torch.stack([there, repeats(proposals, there)], dim=-1)[:, :, None].to(proposals.dtype)
     # As they are while they are like the data, by their logarithm where they are far from any.
     near = _LIKE_DATA * torch.asinh(proposals / _LIKE_DATA)
-    marked = torch.cat([near * mark, mark.expand(*proposals.shape[:3], 1)], dim=-1)
+    marked = torch.cat([near * marks[..., :1], marks.expand(*proposals.shape[:3], 2)], dim=-1)
     return bound.with_beside(marked.transpose(1, 2).flatten(2))
 
 
 def repeats(proposals: Tensor, there: Tensor) -> Tensor:
-    """Whether the last of proposals (B, K, T, A), K at least 2, is the one before it again, which was told: bool (B,).
+    """Which of proposals (B, K, T, A) are the one before them again, which was told: bool (B, K).
 
     No policy proposes the same twice to the last bit: what comes again says nothing of what is wanted now.
     """
-    return (proposals[:, -1] == proposals[:, -2]).flatten(1).all(dim=1) & there[:, -2]
+    again = (proposals[:, 1:] == proposals[:, :-1]).flatten(2).all(dim=2) & there[:, :-1]
+    return torch.cat([torch.zeros_like(there[:, :1]), again], dim=1)
