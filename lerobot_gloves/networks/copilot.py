@@ -36,7 +36,7 @@ class CopilotNetwork(VelocityNetwork):
 
 
 def told(bound: BoundVelocity, proposals: Tensor, there: Tensor) -> BoundVelocity:
-    """The field of a `CopilotNetwork`'s B contexts given what was proposed in them.
+    """The field of a `CopilotNetwork`'s B contexts given what was proposed in them, and what of it came again.
 
     Args:
         bound: What its `bind` returned.

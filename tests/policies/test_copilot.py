@@ -116,7 +116,7 @@ def test_a_repetition_is_the_last_proposal_to_the_bit_where_there_was_one():
     other[-1, -1] = 1e-7
     proposals = torch.stack([torch.stack(pair) for pair in ((one, one), (one, other), (one, one))])
     there = torch.tensor([[True, True], [True, True], [False, True]])
-    assert repeats(proposals, there).tolist() == [True, False, False]
+    assert repeats(proposals, there).tolist() == [[False, True], [False, False], [False, False]]
 
 
 def test_a_field_of_zero_has_the_loss_of_what_each_draw_asks_for(batch):
@@ -171,9 +171,10 @@ def test_proposals_far_from_the_data_enter_by_their_logarithm(policy, batch):
     far = torch.tensor([0.0, 0.03, 3 * math.sinh(1.0), -3 * math.sinh(4.0)])
     proposals = far[:, None].expand(B, H + 1, -1, A)[:, :, :4]
     there = torch.tensor([False, True, True]).expand(B, -1)
-    beside = told(policy.averaged.bind(batch), proposals, there).beside.view(B, 4, H + 1, A + 1)
+    beside = told(policy.averaged.bind(batch), proposals, there).beside.view(B, 4, H + 1, A + 2)
     assert beside[0, :, 2, 0].tolist() == pytest.approx([0.0, 0.03, 3.0, -12.0], rel=1e-4)
-    assert beside[..., -1].unique(dim=1).squeeze().tolist() == [[0.0, 1.0, 1.0]] * B
+    assert beside[..., -2].unique(dim=1).squeeze().tolist() == [[0.0, 1.0, 1.0]] * B, "which are told"
+    assert beside[..., -1].unique(dim=1).squeeze().tolist() == [[0.0, 0.0, 1.0]] * B, "which repeat one that is"
     assert not beside[:, :, 0].any(), "what is not told is zero"
 
 

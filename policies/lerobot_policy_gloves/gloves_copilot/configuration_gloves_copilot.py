@@ -23,7 +23,7 @@ class GlovesCopilotConfig(FlowConfig):
     strangers: float = 0.5
     # Share of the draws that are told proposals and see another item's context: few demonstrations are soon known by
     # heart, and whoever trusts what is observed without reserve believes them rather than what is proposed.
-    context_swap: float = 0.2
+    context_swap: float = 0.5
     # What the randomised agents of training suffer from, names of lerobot_gloves.faults.FAULTS.
     faults: list[str] = field(default_factory=lambda: ["scale", "offset", "noise", "drift", "delay", "replay"])
     # Share of those agents that have no fault.
