@@ -67,7 +67,9 @@ class Adapter(Protocol):
             adapter without scores edits every proposal: it has no gate.
 
     One that says `history = H` above 0 is told what the agent proposed at its last H decisions, as it proposed it:
-    `bind(observation, history)`, normalised (B, h, T, A), the oldest first, h growing from none to H in an episode.
+    `bind(observation, history)`, normalised (B, h, T, A), the oldest first, h growing from none to H in an episode. If
+    a score of its says `needs_posterior = True`, what it finds depends on the history, so `gloves calibrate` tells the
+    adapter the expert's own: `stride` is how many actions lie between two decisions there.
     """
 
     editors: Mapping[str, type]

@@ -1,6 +1,7 @@
-"""Conformal test on a nonconformity score: the gate (paper, appendix "Conformal Calibration")."""
+"""Conformal test on nonconformity scores: the gate (paper, appendix "Conformal Calibration")."""
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -54,3 +55,42 @@ class ConformalGate:
         if needed == 0:
             return math.inf
         return -math.inf if needed > n else float(self.scores[n - needed])
+
+
+class JointGate:
+    """Admits a chunk if each of m scores does, every one of them at level alpha / m.
+
+    Not in the paper. By the union bound a chunk that is exchangeable with the calibration chunks is turned away with
+    probability at most alpha, however the scores hang together (Bonferroni).
+
+    Args:
+        scores: Calibration scores of each of the m scores, of shape (n,).
+        alpha: Significance level, in [0, 1].
+
+    Attributes:
+        gates: The gate of each score.
+
+    Raises:
+        ValueError: If there are no scores, `ConformalGate` refuses some, or alpha is outside [0, 1].
+    """
+
+    def __init__(self, scores: Sequence[Tensor], alpha: float = 0.05):
+        if not scores:
+            raise ValueError("JointGate: no calibration scores")
+        if not 0.0 <= alpha <= 1.0:
+            raise ValueError(f"JointGate: alpha is {alpha}, but must lie in [0, 1]")
+        self.gates = [ConformalGate(one, alpha / len(scores)) for one in scores]
+
+    def p_value(self, scores: Tensor) -> Tensor:
+        """M times the smallest p-value, at most 1, of scores (m, B): double, on the CPU, (B,)."""
+        found = torch.stack([gate.p_value(one) for gate, one in zip(self.gates, scores, strict=True)])
+        return (len(self.gates) * found.amin(dim=0)).clamp(max=1.0)
+
+    def admits(self, scores: Tensor) -> Tensor:
+        """Whether each of B chunks passes by its scores (m, B): bool, on their device, (B,)."""
+        return torch.stack([gate.admits(one) for gate, one in zip(self.gates, scores, strict=True)]).all(dim=0)
+
+    @property
+    def thresholds(self) -> tuple[float, ...]:
+        """The threshold of each score."""
+        return tuple(gate.threshold for gate in self.gates)

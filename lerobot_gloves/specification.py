@@ -65,6 +65,11 @@ def specification(instance: Any, choices: Mapping[str, type]) -> str:
     return f"{name}:{options}" if options else name
 
 
+def parse_all(text: str, choices: Mapping[str, type], kind: str) -> tuple[Any, ...]:
+    """The same where there may be several, joined by `+`."""
+    return tuple(parse(part, choices, kind) for part in parts_of(text))
+
+
 def parts_of(text: str) -> list[str]:
     """The specifications that `+` joins to a compound; a single specification is its own only part.
 

@@ -180,14 +180,21 @@ def save_policy(
     return folder
 
 
-def calibrate(folder: Path, *, scores: dict[str, Tensor] | None = None, chunk_size: int = FLOW["chunk_size"]) -> Path:
+def calibrate(
+    folder: Path,
+    *,
+    scores: dict[str, Tensor] | None = None,
+    chunk_size: int = FLOW["chunk_size"],
+    episode_of: tuple[int, ...] = (),
+) -> Path:
     """Give a saved adapter a calibration: scores (T, n) by specification, by default 1 to 99 for `reverse:steps=1`."""
     if scores is None:
         scores = {"reverse:steps=1": torch.arange(1.0, 100.0).expand(chunk_size, -1)}
     config = PreTrainedConfig.from_pretrained(folder)
     adapter = get_policy_class(config.type).from_pretrained(folder)
     weights = weights_hash(adapter.state_dict())
-    Calibration(scores=scores, repo_id="me/expert", revision="v3.0", episodes=(7, 8), weights=weights).save(folder)
+    about = {"repo_id": "me/expert", "revision": "v3.0", "episodes": (7, 8), "episode_of": episode_of}
+    Calibration(scores=scores, weights=weights, **about).save(folder)
     return folder
 
 

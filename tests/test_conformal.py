@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy import stats
 
-from lerobot_gloves.conformal import ConformalGate
+from lerobot_gloves.conformal import ConformalGate, JointGate
 
 ALPHAS = ["0", "0.01", "0.05", "0.1", "0.2", "0.25", "0.3", "0.5", "0.6", "0.7", "0.75", "0.9", "0.95", "1"]
 
@@ -175,3 +175,54 @@ def test_bad_calibration_is_refused_in_one_line(scores, alpha, message):
     with pytest.raises(ValueError, match=message) as error:
         ConformalGate(double(scores), alpha=alpha)
     assert "\n" not in str(error.value)
+
+
+def test_two_scores_by_hand():
+    """Of 9 scores each: alone a p-value is a tenth of the rank from above, together twice the smaller one."""
+    ranks = double([*range(1, 10)])
+    gate = JointGate([ranks, 10 * ranks], alpha=0.4)
+    scores = torch.stack([double([5.0, 9.5, 1.0, 8.0]), double([50.0, 10.0, 95.0, 80.0])])
+    assert gate.p_value(scores).tolist() == pytest.approx([1.0, 0.2, 0.2, 0.6])
+    assert gate.admits(scores).tolist() == [True, False, False, True]
+    assert gate.thresholds == (8.0, 80.0), "each at 0.2, where alone 0.4 would have 6"
+    assert ConformalGate(ranks, alpha=0.4).threshold == 6.0
+
+
+def test_one_score_together_is_one_alone():
+    scores = double(np.random.default_rng(6).normal(size=50).round(1).tolist())
+    probe = torch.linspace(-3, 3, 41).double()
+    alone, together = ConformalGate(scores, alpha=0.1), JointGate([scores], alpha=0.1)
+    assert torch.equal(together.p_value(probe[None]), alone.p_value(probe))
+    assert torch.equal(together.admits(probe[None]), alone.admits(probe)) and together.thresholds == (alone.threshold,)
+
+
+@pytest.mark.parametrize(("relation", "share"), [(-1.0, 0.1), (0.0, None), (1.0, 0.05)])
+def test_of_exchangeable_chunks_two_scores_turn_away_at_most_alpha_however_they_hang_together(relation, share):
+    """Each of 100 chunks against the other 99: exactly alpha where no chunk is bad twice, half where all are."""
+    rng = np.random.default_rng(7)
+    first = rng.normal(size=100)
+    second = relation * first if relation else rng.normal(size=100)
+    both = torch.tensor(np.stack([first, second]))
+    turned_away = 0
+    for i in range(100):
+        others = torch.cat([both[:, :i], both[:, i + 1 :]], dim=1)
+        turned_away += int(not JointGate(list(others), alpha=0.1).admits(both[:, i : i + 1]).item())
+    assert turned_away <= 10
+    assert share is None or turned_away == round(100 * share)
+
+
+def test_a_joint_level_outside_its_range_is_refused():
+    with pytest.raises(ValueError, match=r"JointGate: alpha is 1\.5, but must lie in \[0, 1\]"):
+        JointGate([double([1.0]), double([1.0])], alpha=1.5)  # of which each score's part is valid
+    with pytest.raises(ValueError, match="JointGate: no calibration scores"):
+        JointGate([])
+
+
+def test_chunks_of_one_episode_may_cost_up_to_one_episode_more_than_alpha():
+    """Each of 49 episodes of 28 equal chunks against the other 48, as docs/gate.md has it."""
+    episodes, turned_away = double([*map(float, range(49))]), 0
+    for i in range(49):
+        others = torch.cat([episodes[:i], episodes[i + 1 :]]).repeat_interleave(28)
+        turned_away += int(not ConformalGate(others, alpha=0.05).admits(episodes[i : i + 1]).item())
+    assert turned_away == 3, "the episode above all others has p = 1 / 1345, the next 29 / 1345, then 57 / 1345"
+    assert 0.05 < turned_away / 49 <= 0.05 + 0.95 / 49

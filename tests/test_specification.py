@@ -4,7 +4,7 @@ import pytest
 
 from lerobot_gloves.editors import FEEG, FPAS
 from lerobot_gloves.scores import SCORES, ReverseScore
-from lerobot_gloves.specification import name_of, parse, parts_of, specification
+from lerobot_gloves.specification import name_of, parse, parse_all, parts_of, specification
 
 EDITORS = {"fpas": FPAS, "feeg": FEEG}
 
@@ -74,3 +74,10 @@ def test_an_option_of_nothing_says_so():
 def test_a_compound_has_parts_and_their_names(text, parts, name):
     assert parts_of(text) == parts
     assert name_of(text) == name
+
+
+def test_several_are_read_one_by_one():
+    assert parse_all("reverse:steps=5+reverse", SCORES, "score") == (ReverseScore(steps=5), ReverseScore())
+    assert parse_all("reverse", SCORES, "score") == (ReverseScore(),)
+    with pytest.raises(ValueError, match="unknown score 'corection': choose from"):
+        parse_all("reverse:steps=5+corection", SCORES, "score")

@@ -31,7 +31,7 @@ def adapter_options() -> list[str]:
     """The wrapper's options for its adapter that a benchmark leaves open."""
     names = [option.name for option in fields(PreTrainedConfig.get_choice_class("gloves"))]
     # A checkpoint counts by content: another revision is another checkpoint.
-    return [name for name in names if name.startswith("adapter_") and name != "adapter_revision"]
+    return [name for name in names if name.startswith("adapter_") and name != "adapter_revision"] + ["alpha_of"]
 
 
 def told_options(options: Mapping[str, Any], perturbation: str) -> dict[str, Any]:

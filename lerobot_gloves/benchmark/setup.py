@@ -11,7 +11,7 @@ from lerobot_gloves.benchmark.cell import Cell, gated
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent
 from lerobot_gloves.evaluation.seeds import BAND, SPLITS
-from lerobot_gloves.specification import NONE, parse, parse_optional, specification
+from lerobot_gloves.specification import NONE, parse_all, parse_optional, specification
 
 
 @dataclass(kw_only=True, eq=False)
@@ -70,7 +70,8 @@ def resolve_method(setup: Setup, editor: str, gate: bool) -> dict[str, Any]:
     resolved: dict[str, Any] = {"editor": chosen, "gate": gate, "score": None, "alpha": None}
     if adapter.scores:
         score = setup.score or next(iter(adapter.scores))
-        resolved["score"] = specification(parse(score, adapter.scores, "score"), adapter.scores)
+        asked = parse_all(score, adapter.scores, "score")
+        resolved["score"] = "+".join(specification(one, adapter.scores) for one in asked)
         resolved["alpha"] = setup.alpha
     elif gate or setup.score is not None:
         raise ValueError(

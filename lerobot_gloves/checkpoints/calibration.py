@@ -29,6 +29,7 @@ class Calibration:
         repo_id: The dataset.
         revision: Its revision.
         episodes: Its episodes that were scored.
+        episode_of: Which of them each of the n chunks is of; none where a calibration is from before this was noted.
         weights: Hash of the adapter's weights, see `weights_hash`.
         guidance: The adapter's option of that name, if it has one: it scores by the guided flow.
     """
@@ -39,12 +40,13 @@ class Calibration:
     episodes: tuple[int, ...]
     weights: str
     guidance: float = 1.0
+    episode_of: tuple[int, ...] = ()
 
-    def of(self, specification: str, length: int) -> Tensor:
-        """Scores (n,) of chunks of `length` actions.
+    def of(self, specification: str, length: int, *, by_episode: bool = False) -> Tensor:
+        """Scores (n,) of chunks of `length` actions, or the largest of each episode that has any, (e,).
 
         Raises:
-            ValueError: If this specification or length was not calibrated.
+            ValueError: If this specification or length was not calibrated, or it is not known what is of which episode.
         """
         if specification not in self.scores:
             raise ValueError(
@@ -54,7 +56,13 @@ class Calibration:
         table = self.scores[specification]
         if not 1 <= length <= table.shape[0]:
             raise ValueError(f"the calibration holds lengths 1 to {table.shape[0]}, not {length}")
-        return table[length - 1]
+        scores = table[length - 1]
+        if not by_episode:
+            return scores
+        if not self.episode_of:
+            raise ValueError("the calibration does not say which chunks are of one episode: run gloves calibrate again")
+        of = torch.tensor(self.episode_of)
+        return torch.stack([scores[of == episode].max() for episode in of.unique()])
 
     def check(self, weights: str) -> None:
         """Refuse a calibration of other weights.
@@ -80,6 +88,7 @@ class Calibration:
             "episodes": list(self.episodes),
             "weights": self.weights,
             "guidance": self.guidance,
+            "episode_of": list(self.episode_of),
         }
         scores = {key: value.contiguous() for key, value in self.scores.items()}
         path = folder / CALIBRATION_NAME
@@ -111,7 +120,8 @@ class Calibration:
             with safe_open(path, framework="pt") as file:
                 about = json.loads((file.metadata() or {})["gloves"])
                 scores = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118, not a dict
-            return cls(scores=scores, **{**about, "episodes": tuple(about["episodes"])})
+            lists = {key: tuple(value) for key, value in about.items() if isinstance(value, list)}
+            return cls(scores=scores, **{**about, **lists})
         except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path.name} of {checkpoint} is not a readable calibration: {error}") from error
 

@@ -1,9 +1,10 @@
-"""`gloves calibrate`: score held-out expert episodes with a trained adapter, so that its gate knows the expert."""
+"""`gloves calibrate`: score episodes that went well with a trained adapter, so that its gate knows what is normal."""
 
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from huggingface_hub import HfApi
 from lerobot.configs import PreTrainedConfig, parser
@@ -21,9 +22,13 @@ from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration
 from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.held_out import held_out_episodes, load_metadata
 from lerobot_gloves.checkpoints.processors import load_processors
-from lerobot_gloves.checkpoints.scoring import score_dataset
+from lerobot_gloves.checkpoints.scoring import Decisions, score_dataset
 from lerobot_gloves.commands.errors import one_line_errors
-from lerobot_gloves.recording.sources import expert_episodes
+from lerobot_gloves.recording.sources import expert_episodes, healthy_episodes
+from lerobot_gloves.scores.score import needs_posterior
+from lerobot_gloves.specification import parse_all, specification
+
+CHUNKS_OF = ("expert", "agent")
 
 
 @dataclass
@@ -31,18 +36,25 @@ class CalibrateConfig:
     """Score held-out expert episodes with a trained adapter and keep the scores beside its weights.
 
     gloves calibrate --policy.path=CHECKPOINT --dataset.repo_id=EXPERT
+
+    Or score what an agent proposed where it succeeded, as gloves record --agent=AGENT writes it:
+
+    gloves calibrate --policy.path=CHECKPOINT --dataset.repo_id=PROPOSALS --chunks_of=agent
     """
 
-    # The expert's episodes; --dataset.episodes picks some. By default, of the dataset that the adapter was trained on,
-    # the episodes that --dataset.eval_split held out of training, and of another dataset all. An agent's are left out.
+    # The episodes; --dataset.episodes picks some. By default, of the dataset that the adapter was trained on, those
+    # that --dataset.eval_split held out of training, and of another dataset all.
     dataset: DatasetConfig
+    # Whose chunks are taken of it: expert, or agent, those of an unperturbed agent's successes.
+    chunks_of: str = "expert"
     # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
     policy: PreTrainedConfig | None = None
-    # Nonconformity scores to calibrate, with their options: reverse, residual, likelihood or selfnormalised for a flow.
+    # Nonconformity scores to calibrate, with their options: reverse, residual, likelihood or selfnormalised for a flow,
+    # for a copilot correction as well.
     scores: list[str] = field(
         default_factory=lambda: ["reverse:steps=1", "reverse:steps=2", "reverse:steps=5", "reverse:steps=10"]
     )
-    # Every how many frames a chunk begins.
+    # Every how many frames of an expert's episode a chunk begins; an agent's begin where it was asked.
     stride: int = 5
     # Chunks scored at once.
     batch_size: int = 64
@@ -50,6 +62,8 @@ class CalibrateConfig:
     push_to_hub: bool = False
 
     def __post_init__(self) -> None:
+        if self.chunks_of not in CHUNKS_OF:
+            raise ValueError(f"unknown chunks_of {self.chunks_of!r}: choose from {', '.join(CHUNKS_OF)}")
         if not self.scores:
             raise ValueError("scores is empty: name at least one, such as reverse:steps=1")
         for name in ("stride", "batch_size"):
@@ -82,38 +96,62 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     given = {renamed.get(key, key): one for key, one in dataset_to_policy_features(meta.features).items()}
     needed = {**(cfg.policy.input_features or {}), **(cfg.policy.output_features or {})}
     check_features("the adapter", needed, meta.repo_id, given)
-    episodes = expert_episodes(held_out_episodes(cfg.policy, cfg.dataset, meta), meta)
+    episodes, length = held_out_episodes(cfg.policy, cfg.dataset, meta), None
+    if cfg.chunks_of == "expert":
+        episodes = expert_episodes(episodes, meta)
+    else:
+        episodes, length = healthy_episodes(episodes, meta)
     adapter = make_policy(cfg.policy, ds_meta=meta).eval().requires_grad_(False)
     weights = weights_hash(adapter.state_dict())
     if not isinstance(adapter, Adapter) or not adapter.scores:
         raise ValueError(f"{path} is a policy of type {cfg.policy.type!r}, which scores nothing: calibrate an adapter")
+    asked = [score for text in cfg.scores for score in parse_all(text, adapter.scores, "score")]
+    scores = {specification(score, adapter.scores): score for score in asked}
+    decisions = _decisions(adapter, cfg.stride, length, any(map(needs_posterior, asked)))
     dataset = LeRobotDataset(
         cfg.dataset.repo_id,
         root=cfg.dataset.root,
         episodes=episodes,
-        # Of actions the chunk that begins here, whatever window the adapter was trained on.
+        # Of actions what is scored, whatever window the adapter was trained on.
         delta_timestamps={
             **(resolve_delta_timestamps(cfg.policy, meta) or {}),
-            ACTION: [index / meta.fps for index in range(cfg.policy.chunk_size)],
+            ACTION: [index / meta.fps for index in decisions.indices],
         },
         revision=cfg.dataset.revision,
         video_backend=cfg.dataset.video_backend,
     )
+    table, episode_of = score_dataset(adapter, preprocess, dataset, scores, decisions, cfg.batch_size)
     calibration = Calibration(
-        scores=score_dataset(adapter, preprocess, dataset, cfg.scores, cfg.stride, cfg.batch_size),
+        scores=table,
         repo_id=cfg.dataset.repo_id,
         revision=str(cfg.dataset.revision or meta.revision),
         episodes=tuple(episodes),
         weights=weights,
         guidance=getattr(cfg.policy, "guidance", 1.0),
+        episode_of=tuple(episode_of),
     )
-    count = next(iter(calibration.scores.values())).shape[1]
     if Path(path).is_dir():
         calibration.save(Path(path))
-        logging.info("%d chunks of %d episodes -> %s", count, len(episodes), Path(path) / CALIBRATION_NAME)
+        counts = len(episode_of), len(set(episode_of))
+        logging.info("%d chunks of %d episodes -> %s", *counts, Path(path) / CALIBRATION_NAME)
     if cfg.push_to_hub:
         _push(calibration, cfg.policy.repo_id or path)
     return calibration
+
+
+def _decisions(adapter: Any, every: int, length: int | None, told: bool) -> Decisions:
+    """Which chunks are scored: the expert's, or, of so many actions, an agent's; `told` what came before.
+
+    Raises:
+        ValueError: If an agent's chunks are longer than the adapter's: what they were cut to under later observations
+            is not recorded.
+    """
+    size, history = adapter.config.chunk_size, getattr(adapter, "history", 0) if told else 0
+    if length is None:
+        return Decisions(size, every, adapter.stride if history else 1, history)
+    if length > size:
+        raise ValueError(f"the agent proposed {length} actions at a time, but the adapter corrects {size} at most")
+    return Decisions(length, length, length, history)
 
 
 def _push(calibration: Calibration, repo_id: str) -> None:

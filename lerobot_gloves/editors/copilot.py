@@ -1,6 +1,6 @@
 """The copilot's edit: what the expert would do on average, given what is proposed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -35,18 +35,24 @@ class Copilot:
     @torch.no_grad()
     def __call__(self, proposal: Tensor, reference: Reference[VelocityField]) -> Tensor:
         """Edit proposals (B, T, A), see `Reference`."""
-        if reference.posterior is None:
+        posterior, threshold = reference.posterior, reference.threshold
+        if posterior is None:
             raise ValueError("copilot needs an adapter that reads proposals: take a gloves_copilot")
         nothing, start = torch.zeros_like(proposal), times(0.0, proposal)
         if not self.needs_threshold:
-            return endpoint(nothing, start, reference.posterior(nothing, start))
-        assert reference.score is not None and reference.threshold is not None
-        # A score runs the flow backward from the proposal: its first evaluation shares a batch with the only one here.
-        evaluate, end = side_by_side([reference.posterior, reference.expert]), times(1.0, proposal)
-        told, alone = evaluate([nothing, proposal], [start, end])
-        expert = Foreseen(reference.expert, proposal, end, alone)
+            return endpoint(nothing, start, posterior(nothing, start))
+        assert reference.score is not None and threshold is not None
+        expert = reference.expert
+        if getattr(reference.score, "starts_at_chunk", False):
+            # The score's first evaluation shares a batch with the only one here.
+            evaluate, end = side_by_side([posterior, expert]), times(1.0, proposal)
+            told, alone = evaluate([nothing, proposal], [start, end])
+            expert = Foreseen(expert, proposal, end, alone)
+        else:
+            told = posterior(nothing, start)
         mean = endpoint(nothing, start, told)
-        free = reference.score(expert, proposal, length=reference.length) > reference.threshold
+        foreseen = Foreseen(posterior, nothing, start, told)  # a score may ask for the mean as well
+        free = replace(reference, expert=expert, posterior=foreseen).nonconformity(proposal) > threshold
         if reference.repeated is not None:
             free |= reference.repeated
         edit = mean - proposal

@@ -50,7 +50,7 @@ class FPAS:
 
         Args:
             proposal: a_u, normalised chunks, shape (B, T, A).
-            reference: Its expert flow, which is called with n * B rows, score and threshold, its generator, and its
+            reference: Its flows, which are called with n * B rows, score and threshold, its generator, and its
                 length: score and distance leave out the padding.
 
         Returns:
@@ -59,11 +59,11 @@ class FPAS:
         Raises:
             ValueError: If there is no score or no threshold.
         """
-        score, threshold, length = reference.score, reference.threshold, reference.length
-        if score is None or threshold is None:
+        threshold, length = reference.threshold, reference.length
+        if reference.score is None or threshold is None:
             raise ValueError(
-                f"FPAS searches below the gate's threshold, but is given score {score} and threshold {threshold}: "
-                "calibrate (gloves calibrate)"
+                f"FPAS searches below the gate's threshold, but is given score {reference.score} and threshold "
+                f"{threshold}: calibrate (gloves calibrate)"
             )
         if self.edit == 0:
             return proposal.detach()
@@ -74,7 +74,7 @@ class FPAS:
             # The zero perturbation keeps the current chunk among the candidates.
             noise = torch.cat([torch.zeros_like(noise[:, :1]), noise[:, 1:]], dim=1)
             candidate = chunk[:, None] + noise
-            scores = score(reference.expert, candidate.flatten(0, 1), length=length).view(batch, n)
+            scores = reference.nonconformity(candidate.flatten(0, 1)).view(batch, n)
             # Where nothing is admitted, the violation is the score itself: weights do not feel a constant.
             violation = scores if threshold == -math.inf else (scores - threshold).clamp(min=0)
             loss = violation + self.align * (candidate - source)[:, :, :length].square().sum(dim=(2, 3))

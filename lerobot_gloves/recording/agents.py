@@ -163,6 +163,6 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
                 "a dataset holds proposals of one length"
             )
         frames = {key: np.stack([query[key] for query in queries[row]]) for key in queries[row][0]}
-        task = agent_task(agent.source, lengths.pop())
+        task = agent_task(agent.source, lengths.pop(), outcome.success)
         episodes.append(StagedEpisode(frames=frames, task=task, failure=outcome.failure))
     return episodes

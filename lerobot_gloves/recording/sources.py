@@ -9,8 +9,8 @@ differs is what its rows mean:
 - All T rows of a block hold the same observation: the one at which the agent was queried.
 - Blocks are whole, also when the episode ended in the middle of one, and an episode is its blocks in order, nothing
   between them: row `frame_index` of an episode is action `frame_index % T` of block `frame_index // T`.
-- Every row's task string is `agent_task(source, T)`, which says who proposed and how long its chunks are. Any other
-  task string is the expert's. The goal stays in `observation.goal`.
+- Every row's task string is `agent_task(source, T, succeeded)`, which says who proposed, how long its chunks are and
+  whether the episode succeeded. Any other task string is the expert's. The goal stays in `observation.goal`.
 - Episodes that failed are kept.
 
 The task string, and not a column, carries the source because LeRobot hands a policy's `forward` no column other than
@@ -30,15 +30,16 @@ SOURCES = ("expert", "none", "noised", "laggy", "slow", "shift")
 The order is the label's index. Other perturbations, and compounds, have no label, so they cannot be recorded.
 """
 
-_AGENT_TASK = re.compile(r"agent: (?P<source>\w+), chunks of (?P<length>\d+)")
+_AGENT_TASK = re.compile(r"agent: (?P<source>\w+), chunks of (?P<length>\d+)(?P<succeeded>, succeeded)?")
 
 
-def agent_task(source: str, length: int) -> str:
+def agent_task(source: str, length: int, succeeded: bool = False) -> str:
     """The task string of an agent's rows.
 
     Args:
         source: One of `SOURCES` but the expert.
         length: T, the actions in each of its proposals.
+        succeeded: Whether the episode did. Those of before this was noted are not known to have.
 
     Raises:
         ValueError: If there is no such source, or a proposal would hold no action.
@@ -47,7 +48,7 @@ def agent_task(source: str, length: int) -> str:
         raise ValueError(f"unknown source {source!r} of an agent's chunks: choose from {', '.join(SOURCES[1:])}")
     if length < 1:
         raise ValueError(f"an agent's proposals have {length} actions, but must have at least 1")
-    return f"agent: {source}, chunks of {length}"
+    return f"agent: {source}, chunks of {length}{', succeeded' if succeeded else ''}"
 
 
 def source_of(task: str) -> tuple[str, int]:
@@ -78,3 +79,27 @@ def expert_episodes(episodes: Sequence[int], meta: "LeRobotDatasetMetadata") -> 
     if not experts:
         raise ValueError(f"all {len(episodes)} episodes are an agent's: calibrate on the expert's")
     return experts
+
+
+def healthy_episodes(episodes: Sequence[int], meta: "LeRobotDatasetMetadata") -> tuple[list[int], int]:
+    """Those of a dataset's episodes in which an unperturbed agent succeeded, and T, the actions of its proposals.
+
+    Raises:
+        ValueError: If there are none, or their proposals are of several lengths.
+    """
+    found = [_AGENT_TASK.fullmatch(tasks[0]) for tasks in meta.episodes["tasks"]]
+    healthy = {
+        episode: int(match["length"])
+        for episode in episodes
+        if (match := found[episode]) and match["source"] == SOURCES[1] and match["succeeded"]
+    }
+    lengths = sorted(set(healthy.values()))
+    if len(lengths) != 1:
+        what = (
+            f"proposals of {' and '.join(map(str, lengths))} actions" if lengths else "no success of an agent as it is"
+        )
+        raise ValueError(
+            f"the {len(episodes)} episodes of {meta.repo_id} hold {what}: "
+            "record one by gloves record --agent=<checkpoint>"
+        )
+    return list(healthy), lengths[0]

@@ -22,6 +22,7 @@ class ReverseScore:
     """
 
     steps: int = 1
+    starts_at_chunk = True
 
     def __post_init__(self) -> None:
         if self.steps < 1:

@@ -1,10 +1,12 @@
 import json
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
+from lerobot_gloves.conformal import ConformalGate
 
 ROWS = torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 
@@ -16,6 +18,7 @@ def make_calibration(**changes) -> Calibration:
         "revision": "v3.0",
         "episodes": (3, 7),
         "weights": "0" * 64,
+        "episode_of": (7, 3, 7),
     }
     return Calibration(**{**fields, **changes})
 
@@ -25,7 +28,7 @@ def test_what_is_saved_is_loaded(tmp_path):
     calibration.save(tmp_path)
     loaded = Calibration.load(tmp_path)
     assert (loaded.repo_id, loaded.revision, loaded.episodes) == ("me/expert", "v3.0", (3, 7))
-    assert loaded.weights == calibration.weights
+    assert (loaded.weights, loaded.episode_of) == (calibration.weights, (7, 3, 7))
     assert loaded.scores.keys() == calibration.scores.keys()
     assert torch.equal(loaded.of("reverse:steps=5", 2), torch.tensor([40.0, 50.0, 60.0]))
     assert [path.name for path in tmp_path.iterdir()] == [CALIBRATION_NAME]  # nothing half written is left
@@ -39,6 +42,37 @@ def test_each_length_has_its_own_scores():
     calibration = make_calibration()
     assert calibration.of("reverse:steps=1", 1).tolist() == [1, 2, 3]
     assert calibration.of("reverse:steps=1", 2).tolist() == [4, 5, 6]
+
+
+def test_an_episodes_score_is_its_worst_chunks():
+    assert make_calibration().of("reverse:steps=1", 2, by_episode=True).tolist() == [5, 6]  # of episodes 3 and 7
+    assert make_calibration(episode_of=(1, 1, 1)).of("reverse:steps=1", 1, by_episode=True).tolist() == [3]
+
+
+def test_a_calibration_of_before_does_not_know_episodes(tmp_path):
+    about = {"repo_id": "me/expert", "revision": "v3.0", "episodes": [3], "weights": "0" * 64, "guidance": 1.0}
+    save_file({"reverse:steps=1": ROWS}, tmp_path / CALIBRATION_NAME, metadata={"gloves": json.dumps(about)})
+    old = Calibration.load(tmp_path)
+    assert old.of("reverse:steps=1", 1).tolist() == [1, 2, 3]
+    with pytest.raises(ValueError, match="does not say which chunks are of one episode: run gloves calibrate again"):
+        old.of("reverse:steps=1", 1, by_episode=True)
+
+
+def test_by_episode_at_most_alpha_of_exchangeable_episodes_are_ever_touched():
+    """Each of 40 episodes of 25 chunks against the other 39; an episode's chunks are much alike."""
+    rng = np.random.default_rng(0)
+    drawn = rng.normal(size=(40, 1)) + 0.5 * rng.normal(size=(40, 25))
+    touched = {}
+    for by_episode in (False, True):
+        touched[by_episode] = 0
+        for left_out, own in enumerate(drawn):
+            rest = torch.tensor(np.delete(drawn, left_out, axis=0))
+            of = tuple(np.repeat(np.arange(39), 25).tolist())
+            calibration = make_calibration(scores={"reverse": rest.flatten()[None]}, episode_of=of)
+            gate = ConformalGate(calibration.of("reverse", 1, by_episode=by_episode), alpha=0.1)
+            touched[by_episode] += not gate.admits(torch.tensor(own)).all()
+    assert touched[True] == 4, "no two maxima are equal, so exactly alpha"
+    assert touched[False] > 8, "chunk by chunk many more episodes have one that is turned away"
 
 
 @pytest.mark.parametrize("length", [0, 3])

@@ -153,7 +153,7 @@ def test_short_chunks_are_padded_by_their_last_action_and_scored_by_their_length
     spy = Spy(policy)
     act(policy, observation(2), 9)
     assert [(step, call.shape[1]) for step, _, call, _ in spy.calls] == [(0, 4), (4, 4), (8, 4)]
-    assert policy._corrector.gate(4).scores.tolist() == [4e6] * 19
+    assert policy._corrector.gate.test(4).gates[0].scores.tolist() == [4e6] * 19
     for _, batch, proposal, correction in spy.calls:
         torch.testing.assert_close(correction.score, by_hand(gated, batch, proposal)[2])
 
@@ -270,7 +270,7 @@ def test_scores_are_logged_without_a_gate_or_a_calibration(tmp_path, agent, adap
 def test_an_uncalibrated_score_is_no_matter_without_a_gate(folder, agent, adapter):
     calibrated = calibrate(save_policy(folder / "other_score", "gloves_expert_flow", seed=7))
     policy, batch = wrap(agent, adapter=calibrated, score="reverse:steps=3"), observation(2)
-    assert policy._corrector.gate(1) is None
+    assert policy._corrector.gate.test(1) is None
     edited = act(policy, batch, 4)
     assert torch.equal(edited, act(wrap(agent, adapter=adapter), batch, 4))  # the same weights, never calibrated
     assert policy.statistics()["intervention_rate"] == 1

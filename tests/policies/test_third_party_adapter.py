@@ -112,7 +112,7 @@ def test_one_that_asks_is_told_what_was_proposed_before(checkpoints, adapter, pa
 def test_its_own_editor_and_its_first_score_are_the_defaults(checkpoints, adapter, package, monkeypatch):
     monkeypatch.setattr(package.NudgePolicy, "editors", {"other": package.Distance, "nudge": package.Nudge})
     corrector = wrap(checkpoints.agent, adapter=adapter)._corrector
-    assert (corrector.editor.share, corrector.score.power, corrector.specification) == (0.5, 2.0, DISTANCE)
+    assert (corrector.editor.share, corrector.gate.scores) == (0.5, (package.Distance(2.0),))
 
 
 def test_it_is_gated(checkpoints, adapter, package, tmp_path):

@@ -16,7 +16,7 @@ from lerobot.envs import EnvConfig
 from lerobot_gloves.benchmark.setup import Setup, resolve_method
 from lerobot_gloves.editors import EDITORS
 from lerobot_gloves.generators import spawn
-from lerobot_gloves.scores import SCORES
+from lerobot_gloves.scores import SCORES, ReverseScore
 from tests.builders import calibrate, load, observation, save_policy, wrap
 
 PAGE = Path(__file__).parents[2] / "docs" / "adapters.md"
@@ -168,4 +168,4 @@ def test_a_score_of_another_package_scores_and_gates(checkpoints, monkeypatch, t
     lines = [json.loads(line) for line in log.read_text().splitlines()]
     expected = chunk.abs().amax(dim=(1, 2)) ** 2
     torch.testing.assert_close(torch.tensor([line["score"] for line in lines]), expected)
-    assert wrap(checkpoints.agent, adapter=folder)._corrector.specification == "reverse:steps=1"  # still the default
+    assert wrap(checkpoints.agent, adapter=folder)._corrector.gate.scores == (ReverseScore(),)  # still the default

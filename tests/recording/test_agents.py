@@ -86,6 +86,7 @@ def test_labels(unperturbed, noised):
     for source, episodes in (("none", unperturbed), ("noised", noised)):
         for index, episode in enumerate(episodes):
             assert source_of(episode.task) == (source, T)
+            assert episode.task.endswith(", succeeded") == (episode.failure == "")
             assert (episode.frames["mode"] == (SEED + index) % len(MODES)).all()
             assert episode.frames["mode"].shape == (len(episode.frames["action"]), 1)
 

@@ -6,7 +6,7 @@ from lerobot_gloves.recording.sources import SOURCES, agent_task, source_of
 
 @pytest.mark.parametrize("source", SOURCES[1:])
 def test_an_agents_task_string_says_who_proposed_and_how_much(source):
-    assert source_of(agent_task(source, 16)) == (source, 16)
+    assert source_of(agent_task(source, 16)) == source_of(agent_task(source, 16, succeeded=True)) == (source, 16)
 
 
 @pytest.mark.parametrize("task", ["0 2 3", "", "none", "noised", "the agent: noised, chunks of 10", "agent: none"])

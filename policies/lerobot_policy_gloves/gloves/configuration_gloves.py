@@ -64,7 +64,10 @@ class GlovesConfig(PreTrainedConfig):
     gate: bool = False
     # The gate's significance level: the share of expert chunks that it would turn away.
     alpha: float = 0.05
+    # What alpha is a share of: chunks, or episodes, of which the others then pass from beginning to end.
+    alpha_of: str = "chunks"
     # The nonconformity score and its options, such as reverse:steps=5. By default the adapter's first, if it has any.
+    # Several are joined by +, as in reverse:steps=5+correction: each must admit a chunk, at its part of alpha.
     score: str | None = None
     # What is done to the agent's chunks to make it imperfect; null for nothing.
     perturbation: PerturbationConfig | None = None
@@ -78,6 +81,8 @@ class GlovesConfig(PreTrainedConfig):
         for name in ("agent", "adapter"):
             if getattr(self, name) == "":
                 raise ValueError(f"gloves: --policy.{name} is empty, but must be a folder or Hub id")
+        if self.alpha_of not in ("chunks", "episodes"):
+            raise ValueError(f"gloves: unknown alpha_of {self.alpha_of!r}: choose from chunks, episodes")
         if self.seed < 0:
             raise ValueError(f"gloves: seed is {self.seed}, but must not be negative")
         if self.adapter is None and (self.gate or self.method not in (None, "none")):

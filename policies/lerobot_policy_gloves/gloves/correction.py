@@ -1,6 +1,5 @@
 """The corrector: an adapter with its gate and its editor, between raw observations and raw actions."""
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,10 +14,10 @@ from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.loading import load_policy
-from lerobot_gloves.conformal import ConformalGate
-from lerobot_gloves.specification import name_of, parse, parse_optional, specification
+from lerobot_gloves.specification import name_of, parse_all, parse_optional, specification
 
 from .configuration_gloves import GlovesConfig
+from .gate import Gate
 
 
 @dataclass
@@ -27,7 +26,8 @@ class Correction:
 
     Attributes:
         action: What is to be executed, raw, (B, n, A).
-        score: Nonconformity scores (B,), None if nobody asked for them or the adapter has none.
+        score: Nonconformity scores (B,), None if nobody asked for them or the adapter has none; of several scores, how
+            far the worst lies above the largest value that passes.
         p_value: Conformal p-values (B,), None without a gate.
         edited: Whether a proposal was edited, bool (B,).
         distance: Mean Euclidean distance (B,) of executed from proposed actions, in the adapter's normalised units.
@@ -88,52 +88,36 @@ class Corrector:
                 f"{adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
-        self.editor, self.score = choose(config, self.adapter)
+        self.editor, scores = choose(config, self.adapter)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
         self.history = getattr(self.adapter, "history", 0)
-        self.gated, self.alpha = config.gate, config.alpha
-        self.thresholded = config.gate or getattr(self.editor, "needs_threshold", False)
-        self.scored = self.score is not None and (config.gate or config.log is not None)
-        self.specification = "" if self.score is None else specification(self.score, self.adapter.scores)
-        self.calibration = Calibration.load(adapter, config.adapter_revision)
-        self._gates: dict[int, ConformalGate] = {}
-        if self.calibration is not None:
-            self.calibration.check(weights_hash(self.loaded.policy.state_dict()))
-        if not self.thresholded:
-            return
-        if self.calibration is None:
-            what = "the gate" if config.gate else name_of(specification(self.editor, self.adapter.editors))
+        self.gated = config.gate
+        self.scored = bool(scores) and (config.gate or config.log is not None)
+        calibration = Calibration.load(adapter, config.adapter_revision)
+        if calibration is not None:
+            calibration.check(weights_hash(self.loaded.policy.state_dict()))
+        by_editor = getattr(self.editor, "needs_threshold", False)
+        needed = config.gate or by_editor or len(scores) > 1
+        if needed and calibration is None:
+            editor = name_of(specification(self.editor, self.adapter.editors))
+            what = "the gate" if config.gate else editor if by_editor else f"--policy.score={config.score}"
             raise ValueError(
                 f"{what} needs a calibration, and {adapter} has none: run gloves calibrate "
                 f"--policy.path={adapter} --dataset.repo_id=<held-out expert episodes>"
             )
         guidance = getattr(adapter_config, "guidance", 1.0)
-        if guidance != self.calibration.guidance:
+        if needed and calibration is not None and guidance != calibration.guidance:
             raise ValueError(
-                f"the adapter's guidance is {guidance:g}, but it was calibrated with {self.calibration.guidance:g}: "
+                f"the adapter's guidance is {guidance:g}, but it was calibrated with {calibration.guidance:g}: "
                 f"run gloves calibrate --policy.guidance={guidance:g}"
             )
-        # An uncalibrated score or a wrong alpha shall not wait for the first chunk.
-        gate = self.gate(1)
-        if gate is not None and gate.threshold == math.inf and self.alpha > 0:
-            raise ValueError(
-                f"alpha is {self.alpha}, but with {len(gate.scores)} calibration scores nothing can be that unlikely: "
-                f"the gate would let all pass; calibrate on at least {math.ceil(1 / self.alpha) - 1} chunks"
-            )
+        self.gate = Gate(config, self.adapter, scores, calibration, needed)
 
     def reset(self) -> None:
         """A new episode begins."""
         self.loaded.reset()
-
-    def gate(self, length: int) -> ConformalGate | None:
-        """The gate for proposals of that many actions, None if nobody needs one and the score is uncalibrated."""
-        if self.calibration is None or not (self.thresholded or self.specification in self.calibration.scores):
-            return None
-        if length not in self._gates:
-            self._gates[length] = ConformalGate(self.calibration.of(self.specification, length), self.alpha)
-        return self._gates[length]
 
     def __call__(
         self,
@@ -174,22 +158,22 @@ class Corrector:
         batch = self.loaded.preprocess({**told, "action": proposals})
         *before, chunk = batch["action"].unbind(dim=1)
         past = {"history": torch.stack(before, dim=1) if before else None} if self.history else {}
-        bound, gate = self.adapter.bind(batch, **past), self.gate(length)
-        score = bound.score(chunk, self.score, length=length) if self.scored else None
+        bound, test = self.adapter.bind(batch, **past), self.gate.test(length)
+        scores = self.gate.score(bound, chunk, length) if self.scored else None
         # Masks stay on the CPU, where the actions are; they may index tensors on any device.
         p_value, admitted = None, torch.zeros(len(chunk), dtype=torch.bool)
-        if self.gated and gate is not None and score is not None:
-            p_value, admitted = gate.p_value(score), gate.admits(score).cpu()
+        if self.gated and test is not None and scores is not None:
+            p_value, admitted = test.p_value(scores), test.admits(scores).cpu()
         evaluations = torch.full((len(chunk),), float(bound.evaluations))
         executed, distance = proposal.clone(), torch.zeros(len(chunk))
         edited = ~admitted if self.editor is not None else torch.zeros_like(admitted)
         if edited.any():
-            some = bound.select(edited)
+            some, (asked, threshold) = bound.select(edited), self.gate.aim(length)
             result = some.edit(
                 chunk[edited],
                 self.editor,
-                score=self.score,
-                threshold=gate.threshold if gate is not None else None,
+                score=asked,
+                threshold=threshold,
                 length=length,
                 generator=[g for g, e in zip(generators, edited.tolist(), strict=True) if e],
             )
@@ -198,11 +182,12 @@ class Corrector:
             distance[edited] = moved.cpu()
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
+        score = None if scores is None else self.gate.summary(scores, length)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
 
 
-def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
-    """The editor and the score that a wrapper names, by default the adapter's own; None for none.
+def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, tuple[Any, ...]]:
+    """The editor, None for none, and the scores that a wrapper names, by default the adapter's own.
 
     Raises:
         ValueError: If the adapter lacks one of them, has no agent flow where the editor needs one, or no score where
@@ -220,7 +205,7 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
             f"{config.adapter} scores no proposals, so it has no gate: leave out --policy.gate and --policy.score"
         )
     name = config.score or next(iter(adapter.scores), None)
-    return editor, None if name is None else parse(name, adapter.scores, "score")
+    return editor, () if name is None else parse_all(name, adapter.scores, "score")
 
 
 def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:

@@ -58,7 +58,8 @@ class Journal:
                 "milliseconds": correction.milliseconds,
                 "evaluations": evaluations,
             }
-            self._file.write(json.dumps(line) + "\n")
+            # JSON has no infinity; a number beyond all that can be held is read as one.
+            self._file.write(json.dumps(line).replace("Infinity", "1e999") + "\n")
 
     def summary(self) -> dict[str, float]:
         """Means over all chunks so far: intervention rate, distance, milliseconds and evaluations a chunk."""

@@ -8,6 +8,7 @@ from torch import Tensor
 from lerobot_gloves.editors import Reference
 from lerobot_gloves.networks import BoundVelocity
 from lerobot_gloves.networks.copilot import repeats, told
+from lerobot_gloves.scores.score import needs_posterior
 
 
 class BoundCopilot:
@@ -33,18 +34,26 @@ class BoundCopilot:
 
     @torch.no_grad()
     def score(self, chunk: Tensor, score: Any, length: int | None = None) -> Tensor:
-        return score(self.expert, chunk, length=length)
+        if not needs_posterior(score):
+            return score(self.expert, chunk, length=length)
+        posterior, repeated = self._given(chunk)
+        found = score(self.expert, chunk, length=length, posterior=posterior, repeated=repeated)
+        self._posterior_evaluations += posterior.evaluations
+        return found
 
     def edit(self, proposal: Tensor, editor: Any, **given: Any) -> Tensor:
-        if not getattr(editor, "needs_posterior", False):
+        if not getattr(editor, "needs_posterior", False) and not needs_posterior(given.get("score")):
             return editor(proposal, Reference(self.expert, **given))
+        posterior, repeated = self._given(proposal)
+        edited = editor(proposal, Reference(self.expert, posterior=posterior, repeated=repeated, **given))
+        self._posterior_evaluations += posterior.evaluations
+        return edited
+
+    def _given(self, proposal: Tensor) -> tuple[BoundVelocity, Tensor]:
+        """The posterior's flow given proposals (B, T, A) and the last ones; which repeat the last one, bool (B,)."""
         before = proposal[:, None][:, :0] if self.history is None else self.history
         chunks = torch.cat([before, proposal[:, None]], dim=1)
         missing = self.proposals - chunks.shape[1]
         chunks = torch.cat([chunks[:, :1].expand(-1, missing, -1, -1), chunks], dim=1)
         there = (torch.arange(self.proposals, device=proposal.device) >= missing).expand(len(proposal), -1)
-        posterior = told(self.expert, chunks, there)
-        repeated = repeats(chunks, there)[:, -1]
-        edited = editor(proposal, Reference(self.expert, posterior=posterior, repeated=repeated, **given))
-        self._posterior_evaluations += posterior.evaluations
-        return edited
+        return told(self.expert, chunks, there), repeats(chunks, there)[:, -1]

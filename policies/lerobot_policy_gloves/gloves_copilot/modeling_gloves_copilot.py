@@ -12,7 +12,7 @@ from lerobot_gloves.faults import Units
 from lerobot_gloves.flow import interpolate, mean_per_chunk
 from lerobot_gloves.generators import rand, randn
 from lerobot_gloves.networks.copilot import CopilotNetwork, repeats, told
-from lerobot_gloves.scores import SCORES
+from lerobot_gloves.scores import SCORES, CorrectionScore
 
 from .bound_copilot import BoundCopilot
 from .configuration_gloves_copilot import GlovesCopilotConfig
@@ -38,7 +38,7 @@ class GlovesCopilotPolicy(FlowPolicy):
     name = "gloves_copilot"
     editors: Mapping[str, type] = {"copilot": Copilot, **EDITORS}
     default_editor = "copilot"
-    scores: Mapping[str, type] = SCORES
+    scores: Mapping[str, type] = {**SCORES, "correction": CorrectionScore}
 
     def __init__(
         self, config: GlovesCopilotConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
@@ -56,6 +56,11 @@ class GlovesCopilotPolicy(FlowPolicy):
     def history(self) -> int:
         """How many of the agent's last proposals it wants to be told (see `lerobot_gloves.adapter.Adapter`)."""
         return self.config.history
+
+    @property
+    def stride(self) -> int:
+        """Actions between two decisions in training (see `lerobot_gloves.adapter.Adapter`)."""
+        return self.config.stride
 
     def make_network(self, config: GlovesCopilotConfig, **dit: int | float) -> CopilotNetwork:
         return CopilotNetwork(

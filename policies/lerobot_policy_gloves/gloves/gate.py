@@ -1,0 +1,94 @@
+"""The gate of a wrapper: the scores that it names, and what the adapter's calibration says of them."""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lerobot_gloves.adapter import Adapter, BoundAdapter
+from lerobot_gloves.checkpoints.calibration import Calibration
+from lerobot_gloves.conformal import JointGate
+from lerobot_gloves.scores import Joint
+from lerobot_gloves.scores.joint import excess
+from lerobot_gloves.specification import specification
+
+from .configuration_gloves import GlovesConfig
+
+
+class Gate:
+    """Scores proposals and tells which of them pass.
+
+    Args:
+        config: The wrapper's settings.
+        adapter: What scores.
+        scores: The scores that the wrapper names; none for an adapter without any.
+        calibration: The adapter's; None if it has none.
+        needed: Whether somebody needs thresholds, be it the gate itself or the editor.
+
+    Raises:
+        ValueError: If they are needed, and a score is not calibrated or nothing could ever be turned away by it.
+    """
+
+    def __init__(
+        self,
+        config: GlovesConfig,
+        adapter: Adapter,
+        scores: tuple[Any, ...],
+        calibration: Calibration | None,
+        needed: bool,
+    ):
+        self.scores = scores
+        self._names = [specification(score, adapter.scores) for score in scores]
+        self._alpha, self._by_episode = config.alpha, config.alpha_of == "episodes"
+        known = calibration is not None and all(name in calibration.scores for name in self._names)
+        self._calibration = calibration if needed or known else None
+        self._tests: dict[int, JointGate] = {}
+        test = self.test(1)  # what is wrong shall not wait for the first chunk
+        if needed and test is not None and config.alpha > 0:
+            self._check(test)
+
+    def test(self, length: int) -> JointGate | None:
+        """The test of proposals of that many actions; None if nobody needs one and a score is uncalibrated."""
+        if self._calibration is None or not self._names:
+            return None
+        if length not in self._tests:
+            tables = [self._calibration.of(name, length, by_episode=self._by_episode) for name in self._names]
+            self._tests[length] = JointGate(tables, self._alpha)
+        return self._tests[length]
+
+    def score(self, bound: BoundAdapter, chunk: Tensor, length: int) -> Tensor:
+        """Scores (m, B) of proposals (B, T, A) of which `length` actions count."""
+        return torch.stack([bound.score(chunk, score, length=length) for score in self.scores])
+
+    def summary(self, scores: Tensor, length: int) -> Tensor:
+        """One number (B,) for each proposal of scores (m, B): the score, or of several the worst one's excess."""
+        if len(scores) == 1:
+            return scores[0]
+        test = self.test(length)
+        assert test is not None  # several scores are compared by their calibration alone
+        return excess(scores, test.thresholds)
+
+    def aim(self, length: int) -> tuple[Any, float | None]:
+        """The score that an editor may ask, and the largest value that passes; None without one, or a calibration."""
+        test = self.test(length)
+        if test is None or len(self.scores) == 1:
+            return next(iter(self.scores), None), None if test is None else test.thresholds[0]
+        return Joint(self.scores, test.thresholds), 0.0
+
+    def _check(self, test: JointGate) -> None:
+        unit, shares = "episodes" if self._by_episode else "chunks", len(test.gates)
+        for name, gate in zip(self._names, test.gates, strict=True):
+            if gate.threshold < math.inf:
+                continue
+            told = f"alpha is {self._alpha}" + (f", shared by {shares} scores" if shares > 1 else "")
+            count, enough = len(gate.scores), math.ceil(shares / self._alpha) - 1
+            if count < enough:
+                raise ValueError(
+                    f"{told}, but with {count} calibration {unit} nothing can be that unlikely: the gate would let all "
+                    f"pass; calibrate on at least {enough} {unit}"
+                )
+            raise ValueError(
+                f"{told}, but of {int(gate.scores.isinf().sum())} in {count} calibration {unit} {name} is infinite: "
+                "the gate would let all pass; take another score"
+            )
