@@ -105,7 +105,7 @@ class GlovesCopilotPolicy(FlowPolicy):
     def lookalikes(self, batch: dict[str, Tensor], tokens: Tensor) -> Tensor:
         """For each draw an item of the batch whose context is like its own, of another episode if there is one: (n B,).
 
-        It is the nearest of `swap_among` items that are drawn: by the state vectors, or the tokens (B, S, d_c) of cameras.
+        It is the nearest of `swap_among` that are drawn, by the state vectors or by the tokens (B, S, d_c) of cameras.
         """
         states = [batch[key] for key in self.config.state_features]
         where = (torch.cat(states, dim=-1) if states else tokens.detach()).flatten(1)
