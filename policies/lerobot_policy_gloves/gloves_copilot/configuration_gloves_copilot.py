@@ -23,10 +23,7 @@ class GlovesCopilotConfig(FlowConfig):
     strangers: float = 0.5
     # Share of the draws that are told proposals and see another item's context: few demonstrations are soon known by
     # heart, and whoever trusts what is observed without reserve believes them rather than what is proposed.
-    context_swap: float = 0.9
-    # The other item is the nearest of so many that are drawn: what is seen in a new episode is most like what was seen
-    # in some of training, and misleads as that does.
-    swap_among: int = 64
+    context_swap: float = 0.5
     # What the randomised agents of training suffer from, names of lerobot_gloves.faults.FAULTS.
     faults: list[str] = field(default_factory=lambda: ["scale", "offset", "noise", "drift", "delay", "replay"])
     # Share of those agents that have no fault.
@@ -46,8 +43,6 @@ class GlovesCopilotConfig(FlowConfig):
             raise ValueError(f"history is {self.history}, but must not be negative")
         if self.decision_every is not None and not 1 <= self.decision_every <= self.chunk_size:
             raise ValueError(f"decision_every is {self.decision_every}, but must lie between 1 and {self.chunk_size}")
-        if self.swap_among < 1:
-            raise ValueError(f"swap_among is {self.swap_among}, but must be at least 1")
         for name in ("strangers", "context_swap"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} is {getattr(self, name)}, but must lie in [0, 1]")

@@ -90,32 +90,17 @@ class GlovesCopilotPolicy(FlowPolicy):
         kind = rand(action.shape[:1], None, like=action)
         alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
         network = self.network if self.training else self.averaged
-        own = network.encode(batch)
-        tokens = own.repeat_interleave(samples, dim=0)
+        tokens = network.encode(batch).repeat_interleave(samples, dim=0)
         swapped = ~alone & ~repeats(proposals, there)[:, -1]
         swapped &= rand(action.shape[:1], None, like=action) < config.context_swap
-        tokens = torch.where(swapped[:, None, None], own[self.lookalikes(batch, own)], tokens)
+        other = torch.randint(len(tokens), (len(tokens),), device=tokens.device)
+        tokens = torch.where(swapped[:, None, None], tokens[other], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
         noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
         noise, t = torch.where(of_mean[:, None, None], 0.0, noise), torch.where(of_mean, 0.0, t)
         error = (bound(interpolate(noise, action, t), t) - (action - noise)).square()
         loss = mean_per_chunk(error, samples, ~pad[:, -config.chunk_size :])
         return (loss.mean() if reduction == "mean" else loss), {}
-
-    def lookalikes(self, batch: dict[str, Tensor], tokens: Tensor) -> Tensor:
-        """For each draw an item of the batch whose context is like its own, of another episode if there is one: (n B,).
-
-        It is the nearest of `swap_among` that are drawn, by the state vectors or by the tokens (B, S, d_c) of cameras.
-        """
-        states = [batch[key] for key in self.config.state_features]
-        where = (torch.cat(states, dim=-1) if states else tokens.detach()).flatten(1)
-        item = torch.arange(len(where), device=where.device).repeat_interleave(self.config.samples_per_item)
-        drawn = torch.randint(len(where), (len(item), self.config.swap_among), device=where.device)
-        episode = batch.get("episode_index", torch.arange(len(where), device=where.device))
-        distance = torch.cdist(where, where)[item[:, None], drawn]
-        same = episode[item][:, None] == episode[drawn]
-        nearest = distance.masked_fill(same, torch.inf).argmin(dim=1, keepdim=True)
-        return drawn.gather(1, nearest).squeeze(1)
 
     def decisions(self, action: Tensor, pad: Tensor) -> tuple[Tensor, Tensor]:
         """The expert's chunks (B, K + 1, T, A) at the last decisions, and which of these there were, bool (B, K + 1).
