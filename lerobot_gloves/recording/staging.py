@@ -52,12 +52,13 @@ def open_staging(folder: Path, settings: Mapping[str, Any]) -> None:
 
     Args:
         folder: The staging folder.
-        settings: What the episodes depend on; must survive a trip through JSON unchanged.
+        settings: What the episodes depend on.
 
     Raises:
         ValueError: If the folder holds episodes that were recorded with other settings.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    settings = json.loads(json.dumps(settings, default=str))  # as it will be read again: any environment's arguments
     file = folder / "settings.json"
     if not file.exists():
         with whole(file) as part:
