@@ -172,6 +172,10 @@ def _record(config: RecordConfig) -> None:
     settings = {"env.type": env.type, "env.task": env.task, **played, "seed": config.seed}
     if agent is not None:
         settings |= agent.settings()
+    if agent is not None and not assembled:
+        assert config.seed is not None
+        # Whatever is wrong with the agent shows here, rather than in every process, and before anything is written.
+        load_agent(env, agent.checkpoint, agent.perturbation, config.seed)
     staging.open_staging(folder, settings)
     if not assembled:
         present = len(staging.staged(folder) & set(range(num_episodes)))
@@ -194,8 +198,6 @@ def _episodes(config: RecordConfig, folder: Path) -> Iterator[int]:
         return demonstrations.record(
             env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
         )
-    # Whatever is wrong with the agent shows here, rather than in every process.
-    load_agent(config.env, agent.checkpoint, agent.perturbation, config.seed)
     return agents.record(
         config.env, agent, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
     )
