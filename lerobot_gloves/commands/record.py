@@ -1,5 +1,6 @@
 """`gloves record`: a task's scripted expert, or an agent's proposals, recorded as a LeRobotDataset."""
 
+import os
 import shlex
 import shutil
 from collections.abc import Iterator
@@ -104,12 +105,12 @@ class RecordConfig:
         if self.agent is None:
             return None
         size = min(self.batch_size, self.num_episodes)
-        return agents.Agent(checkpoint=self.agent, perturbation=self.perturbation, batch_size=size)
+        return agents.Agent(checkpoint=os.path.expanduser(self.agent), perturbation=self.perturbation, batch_size=size)
 
     @property
     def root(self) -> Path:
         """The dataset's folder."""
-        return Path(self.dataset.root or HF_LEROBOT_HOME / self.dataset.repo_id)
+        return Path(self.dataset.root or HF_LEROBOT_HOME / self.dataset.repo_id).expanduser()
 
     @property
     def command(self) -> str:
