@@ -122,7 +122,7 @@ def nested(override: str) -> dict[str, Any]:
     keys = name.removeprefix(OVERRIDE).split(".")
     try:
         is_text = keys[-1] in CHECKPOINTS and text not in NOTHING
-        value = text_value(text) if is_text else yaml.safe_load(text)
+        value: Any = text_value(text) if is_text else yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ValueError(f"{override}: the value is not YAML: {one_line(error)}") from error
     for key in reversed(keys):

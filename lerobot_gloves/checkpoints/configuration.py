@@ -43,9 +43,9 @@ def checkpoint_config(
             f"{one_line(cause(error))}: save it anew by this one, or mend the file"
         ) from error
     except ValueError as error:  # no JSON, or a type of policy that nobody has registered, which LeRobot lists all of
-        told = one_line(error).partition(" Available policy types")[0]
+        reason = one_line(error).partition(" Available policy types")[0]
         raise ValueError(
-            f"--{option}={checkpoint}: its {CONFIG_NAME}: {told} Mend it, or install what brings it"
+            f"--{option}={checkpoint}: its {CONFIG_NAME}: {reason} Mend it, or install what brings it"
         ) from error
     except SystemExit as error:  # how argparse refuses an option, after telling all that there are
         known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint, (), revision))))

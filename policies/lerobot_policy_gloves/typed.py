@@ -50,7 +50,8 @@ def install() -> None:
         path = get_path_arg(field_name, args)
         return None if path is None else os.path.expanduser(path)
 
-    draccus.parse, parser.get_path_arg = parse_as_declared, get_path_arg_at_home
+    draccus.parse = parse_as_declared  # type: ignore[assignment]
+    parser.get_path_arg = get_path_arg_at_home
 
 
 def as_declared(config_class: type, args: Sequence[str]) -> list[str]:

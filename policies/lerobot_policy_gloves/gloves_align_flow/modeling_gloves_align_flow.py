@@ -15,6 +15,7 @@ from lerobot_gloves.recording.sources import SOURCES, source_of
 from lerobot_gloves.scores import SCORES
 
 from .configuration_gloves_align_flow import LABEL, GlovesAlignFlowConfig
+from .split import check_split
 
 if TYPE_CHECKING:
     from lerobot.datasets import LeRobotDatasetMetadata
@@ -44,6 +45,7 @@ class GlovesAlignFlowPolicy(FlowPolicy):
     ):
         if dataset_meta is not None:
             config.check_tasks(dataset_meta.tasks.index)
+            check_split(config, dataset_meta)
         super().__init__(config, **kwargs)
         self._fps = dataset_meta.fps if dataset_meta is not None else None
 
