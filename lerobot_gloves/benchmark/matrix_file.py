@@ -12,8 +12,11 @@ from lerobot.envs import EnvConfig
 
 from lerobot_gloves.benchmark.matrix import Method, Setting, Task
 from lerobot_gloves.system.errors import one_line
+from lerobot_gloves.system.values import NOTHING, text_value
 
 OVERRIDE = "--tasks."
+CHECKPOINTS = ("agent", "adapter")
+"""Keys whose values are folders or Hub ids, whatever they look like."""
 
 
 def complete(arguments: Sequence[str], config_class: type) -> list[str]:
@@ -61,6 +64,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ValueError: If it does not, or has a name twice.
         FileNotFoundError: If there is no such file.
     """
+    path = path.expanduser()
     if not path.is_file():
         raise FileNotFoundError(f"there is no file {path}")
     try:
@@ -115,11 +119,13 @@ def nested(override: str) -> dict[str, Any]:
     name, equals, text = override.partition("=")
     if not equals:
         raise ValueError(f"{override} has no value: write {override}=VALUE")
+    keys = name.removeprefix(OVERRIDE).split(".")
     try:
-        value = yaml.safe_load(text)
+        is_text = keys[-1] in CHECKPOINTS and text not in NOTHING
+        value: Any = text_value(text) if is_text else yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ValueError(f"{override}: the value is not YAML: {one_line(error)}") from error
-    for key in reversed(name.removeprefix(OVERRIDE).split(".")):
+    for key in reversed(keys):
         value = {key: value}
     return value
 

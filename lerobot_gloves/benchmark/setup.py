@@ -1,5 +1,6 @@
 """What a cell is played with, and what of it decides the cell's episodes."""
 
+import os
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,6 +45,8 @@ class Setup:
     options: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self.agent = os.path.expanduser(self.agent)
+        self.adapter = self.adapter and os.path.expanduser(self.adapter)
         if self.split not in SPLITS:
             raise ValueError(f"unknown split {self.split!r}: choose from {', '.join(SPLITS)}")
         if not 1 <= self.episodes <= BAND:

@@ -7,10 +7,12 @@ from dataclasses import fields
 from pathlib import Path
 
 from draccus.utils import ParsingError
+from huggingface_hub.constants import CONFIG_NAME
 from huggingface_hub.errors import HFValidationError
+from lerobot import __version__
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_gloves.system.errors import cause
+from lerobot_gloves.system.errors import cause, one_line
 
 
 def checkpoint_config(
@@ -25,7 +27,7 @@ def checkpoint_config(
         revision: Its Hub revision.
 
     Raises:
-        ValueError: If there is none, or it has no such options.
+        ValueError: If there is none, it has no such options, or it is of another LeRobot or a package that is not here.
     """
     told = io.StringIO()
     try:
@@ -34,7 +36,17 @@ def checkpoint_config(
     except (FileNotFoundError, NotADirectoryError, HFValidationError) as error:
         raise ValueError(f"--{option}={checkpoint} is no checkpoint's folder, nor one on the Hub in reach") from error
     except ParsingError as error:
-        raise ValueError(f"--{option}={checkpoint} with {' '.join(overrides)}: {cause(error)}") from error
+        if overrides:
+            raise ValueError(f"--{option}={checkpoint} with {' '.join(overrides)}: {cause(error)}") from error
+        raise ValueError(
+            f"--{option}={checkpoint}: its {CONFIG_NAME} is not one of this LeRobot ({__version__}): "
+            f"{one_line(cause(error))}: save it anew by this one, or mend the file"
+        ) from error
+    except ValueError as error:  # no JSON, or a type of policy that nobody has registered, which LeRobot lists all of
+        reason = one_line(error).partition(" Available policy types")[0]
+        raise ValueError(
+            f"--{option}={checkpoint}: its {CONFIG_NAME}: {reason} Mend it, or install what brings it"
+        ) from error
     except SystemExit as error:  # how argparse refuses an option, after telling all that there are
         known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint, (), revision))))
         reason = told.getvalue().strip().splitlines()[-1].partition("error: ")[2]

@@ -3,6 +3,7 @@
 import logging
 from pathlib import Path
 
+from draccus.utils import ParsingError
 from httpx import HTTPError
 from lerobot.configs import PreTrainedConfig
 from lerobot.configs.default import DatasetConfig
@@ -11,7 +12,7 @@ from lerobot.datasets.factory import make_train_eval_datasets
 from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
 from lerobot.utils.constants import HF_LEROBOT_HOME
 
-from lerobot_gloves.system.errors import one_line
+from lerobot_gloves.system.errors import cause, one_line
 
 
 def load_metadata(dataset: DatasetConfig) -> LeRobotDatasetMetadata:
@@ -31,15 +32,24 @@ def load_metadata(dataset: DatasetConfig) -> LeRobotDatasetMetadata:
 
 
 def training_config(checkpoint: Path) -> TrainPipelineConfig | None:
-    """How a checkpoint was trained, None if it does not say: only `lerobot-train` writes that down."""
-    if checkpoint.is_dir():
-        # LeRobot would go on without the file, and complain about options that nobody gave.
-        written = (checkpoint / TRAIN_CONFIG_NAME).is_file()
-        return TrainPipelineConfig.from_pretrained(checkpoint) if written else None
+    """How a checkpoint was trained, None if it does not say: only `lerobot-train` writes that down.
+
+    Raises:
+        ValueError: If the file names what is not installed here, such as an environment, or cannot be read.
+    """
+    # LeRobot would go on without the file, and complain about options that nobody gave.
+    if checkpoint.is_dir() and not (checkpoint / TRAIN_CONFIG_NAME).is_file():
+        return None
     try:
         return TrainPipelineConfig.from_pretrained(checkpoint)
     except OSError:
         return None
+    except (ParsingError, ValueError) as error:
+        raise ValueError(
+            f"{checkpoint / TRAIN_CONFIG_NAME}, by which the training's episodes are told, cannot be read: "
+            f"{one_line(cause(error))}: install the package that brings what it names, or, where that is not the "
+            "policy or the dataset, as an environment, delete it from the file"
+        ) from error
 
 
 def held_out_episodes(policy: PreTrainedConfig, dataset: DatasetConfig, meta: LeRobotDatasetMetadata) -> list[int]:

@@ -7,8 +7,12 @@ from huggingface_hub import hf_hub_download
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies import make_pre_post_processors
 from lerobot.processor import PolicyProcessorPipeline
+from lerobot.processor.pipeline import ProcessorMigrationError
 from lerobot.utils.constants import POLICY_PREPROCESSOR_DEFAULT_NAME
 from safetensors import SafetensorError, safe_open
+
+MIGRATION = "lerobot.processor.migrate_policy_normalization"
+"""LeRobot's module that makes processors of an older checkpoint's weights; what its error names lies in no wheel."""
 
 type Pipeline = PolicyProcessorPipeline[Any, Any]
 
@@ -21,13 +25,21 @@ def load_processors(
     The device that they were saved with is where the policy was trained.
 
     Raises:
-        ValueError: If a file of theirs is damaged; LeRobot's error does not say which.
+        ValueError: If there are none, as an older LeRobot had none, or a file of theirs is damaged; LeRobot's errors do
+            not say which, or say it on a page.
     """
     overrides = {"device_processor": {"device": device}}
     try:
         return make_pre_post_processors(
             config, checkpoint, pretrained_revision=revision, preprocessor_overrides=overrides
         )
+    except ProcessorMigrationError as error:
+        at = "" if revision is None else f" --revision {revision}"
+        raise ValueError(
+            f"{checkpoint} was saved by an older LeRobot, with its normalisation among the weights and no "
+            f"{POLICY_PREPROCESSOR_DEFAULT_NAME}.json: run python -m {MIGRATION} "
+            f"--pretrained-path {checkpoint}{at} --output-dir <folder>, and name that folder"
+        ) from error
     except SafetensorError as error:
         raise ValueError(f"{_damaged(checkpoint, revision)} is not a readable safetensors file: {error}") from error
 

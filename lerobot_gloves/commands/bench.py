@@ -82,6 +82,10 @@ class BenchConfig:
     choose: Path | None = None
 
     def __post_init__(self) -> None:
+        # Where they come from a file, or from Python; what is typed is at home already.
+        self.output_dir = self.output_dir.expanduser()
+        self.chosen = self.chosen and self.chosen.expanduser()
+        self.choose = self.choose and self.choose.expanduser()
         if self.num_workers is not None and self.num_workers < 1:
             raise ValueError(f"num_workers is {self.num_workers}, but must be at least 1")
         if self.executor not in EXECUTORS:

@@ -1,9 +1,10 @@
 """`gloves record`: a task's scripted expert, or an agent's proposals, recorded as a LeRobotDataset."""
 
+import os
 import shlex
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 from httpx import HTTPError
@@ -42,6 +43,8 @@ class RecordedDatasetConfig:
     push_to_hub: bool = False
     # Create a private repository; by default what the organisation's settings say.
     private: bool | None = None
+    # What the robot is, since LeRobot merges datasets of one robot only; by default what the task says, or its type.
+    robot_type: str | None = None
 
 
 @dataclass
@@ -102,12 +105,12 @@ class RecordConfig:
         if self.agent is None:
             return None
         size = min(self.batch_size, self.num_episodes)
-        return agents.Agent(checkpoint=self.agent, perturbation=self.perturbation, batch_size=size)
+        return agents.Agent(checkpoint=os.path.expanduser(self.agent), perturbation=self.perturbation, batch_size=size)
 
     @property
     def root(self) -> Path:
         """The dataset's folder."""
-        return Path(self.dataset.root or HF_LEROBOT_HOME / self.dataset.repo_id)
+        return Path(self.dataset.root or HF_LEROBOT_HOME / self.dataset.repo_id).expanduser()
 
     @property
     def command(self) -> str:
@@ -116,7 +119,8 @@ class RecordConfig:
         for part, options in (("env", self.env), ("dataset", self.dataset)):
             for option in fields(options):
                 value = getattr(options, option.name)
-                if option.name not in ("features", "features_map", "root") and value != option.default:
+                default = option.default if option.default_factory is MISSING else option.default_factory()
+                if option.name not in ("features", "features_map", "root") and value != default:
                     words.append(f"--{part}.{option.name}={shlex.quote(str(value))}")
         if self.agent is not None:
             words += [f"--agent={shlex.quote(self.agent)}", f"--perturbation={shlex.quote(self.perturbation)}"]
@@ -161,41 +165,46 @@ def record(config: RecordConfig) -> None:
 
 
 def _record(config: RecordConfig) -> None:
-    env_config = demonstrations.check_recordable(config.env)
     folder = staging.staging_folder(config.root)
     num_episodes, agent = config.num_episodes, config.recorded_agent
     assembled = _is_assembled(config, folder)
-    played = env_config.demonstration_kwargs if agent is None else env_config.gym_kwargs
-    settings = {"env.type": env_config.type, **played, "seed": config.seed}
-    staging.open_staging(folder, settings | (agent.settings() if agent else {}))
+    env = config.env
+    played = demonstrations.check_recordable(env).demonstration_kwargs if agent is None else env.gym_kwargs
+    settings = {"env.type": env.type, "env.task": env.task, **played, "seed": config.seed}
+    if agent is not None:
+        settings |= agent.settings()
+    if agent is not None and not assembled:
+        assert config.seed is not None
+        # Whatever is wrong with the agent shows here, rather than in every process, and before anything is written.
+        load_agent(env, agent.checkpoint, agent.perturbation, config.seed)
+    staging.open_staging(folder, settings)
     if not assembled:
         present = len(staging.staged(folder) & set(range(num_episodes)))
         with tqdm(total=num_episodes, initial=present, desc="recording", unit="episode") as progress:
-            for count in _episodes(config, env_config, folder):
+            for count in _episodes(config, folder):
                 progress.update(count - progress.n)
-        _assemble(config, env_config, folder)
+        _assemble(config, folder)
     print(f"{num_episodes} {'episodes of the agent' if agent else 'demonstrations'}: {config.root}")
     if config.dataset.push_to_hub:
         print(f"pushed to {_push(config)}")
     shutil.rmtree(folder)  # last: until then, the same command finishes what is left to do
 
 
-def _episodes(config: RecordConfig, env_config: demonstrations.Recordable, folder: Path) -> Iterator[int]:
+def _episodes(config: RecordConfig, folder: Path) -> Iterator[int]:
     """Stage what is missing; how many episodes there are, as they become more."""
     assert config.seed is not None
     num_episodes, agent = config.num_episodes, config.recorded_agent
     if agent is None:
+        env_config = demonstrations.check_recordable(config.env)
         return demonstrations.record(
             env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
         )
-    # Whatever is wrong with the agent shows here, rather than in every process.
-    load_agent(config.env, agent.checkpoint, agent.perturbation, config.seed)
     return agents.record(
-        env_config, agent, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
+        config.env, agent, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
     )
 
 
-def _assemble(config: RecordConfig, env_config: demonstrations.Recordable, folder: Path) -> None:
+def _assemble(config: RecordConfig, folder: Path) -> None:
     """Make the dataset of what is staged.
 
     Raises:
@@ -203,7 +212,7 @@ def _assemble(config: RecordConfig, env_config: demonstrations.Recordable, folde
     """
     try:
         dataset.assemble(
-            env_config,
+            config.env,
             folder,
             config.root,
             repo_id=config.dataset.repo_id,
@@ -211,6 +220,7 @@ def _assemble(config: RecordConfig, env_config: demonstrations.Recordable, folde
             video=config.dataset.video,
             command=config.command,
             agent=config.recorded_agent,
+            robot_type=config.dataset.robot_type,
         )
     except OSError as error:
         # On a full disk LeRobot may complain of a file that it could not write before: not of one that is asked for.

@@ -66,6 +66,7 @@ class DiT(nn.Module):
         Returns:
             Velocities, shape (n * B, T, A).
         """
+        x, t = x.to(self.head.weight.dtype), t.to(self.head.weight.dtype)  # actions are of the type that the agent has
         hidden, condition = self.embed(x), F.silu(self.time(t))
         rotation = rotary(x.shape[1], self.head_dim, x)
         for block, key_values in zip(self.blocks, context, strict=True):

@@ -21,7 +21,7 @@ class VelocityNetwork(nn.Module):
 
     Args:
         action_dim: A.
-        states: Observation keys of the state vectors and their sizes.
+        states: Observation keys of the states and how many numbers each holds, whatever its shape.
         cameras: Observation keys of the images.
         goal: Key of the goal's vector, or the label's, and its size; None without.
         context_dim: Width of a context token, d_c.
@@ -48,7 +48,7 @@ class VelocityNetwork(nn.Module):
         super().__init__()
         if not states and not cameras:
             raise ValueError("VelocityNetwork: neither a state vector nor a camera to be conditioned on")
-        self.states, self.cameras, self.goal = tuple(states), tuple(cameras), goal[0] if goal else None
+        self.states, self.cameras, self.goal = dict(states), tuple(cameras), goal
         self.context_dropout, self.visual_dropout = context_dropout, visual_dropout
         self.state_encoder = StateEncoder(sum(states.values()), context_dim) if states else None
         # A ModuleList's type does not say what it holds.
@@ -62,9 +62,9 @@ class VelocityNetwork(nn.Module):
         """Tokens (B, S, d_c) of states and images, all of the context but the goal."""
         tokens = []
         if self.state_encoder is not None:
-            tokens.append(self.state_encoder(torch.cat(self._vectors(observation), dim=-1)))
+            tokens.append(self.state_encoder(self._states(observation)))
         for key, encoder in zip(self.cameras, self.image_encoders, strict=True):
-            view = encoder(observation[key])
+            view = encoder(observation[key].to(self.null.dtype))
             tokens.append(view * self._keeps(view, self.visual_dropout))
         return torch.cat(tokens, dim=1)
 
@@ -74,19 +74,22 @@ class VelocityNetwork(nn.Module):
         """Encode the context of B observations and project its keys and values, once.
 
         Args:
-            observation: Normalised observations, (B, S) a state vector or a goal, (B, 3, H, W) an image.
+            observation: Normalised observations, (B, ...) a state or a goal, (B, 3, H, W) an image.
             guidance: Weight of the context (of the goal, where there is one) against the null: 1 is the plain
                 conditional field, more exaggerates the context.
             tokens: What `encode` returned for these observations, so that a second goal costs no second look at them.
 
         Returns:
             The velocity field of these contexts.
+
+        Raises:
+            ValueError: If a state or the goal holds more or fewer numbers than the network was made for.
         """
         context = self.encode(observation) if tokens is None else tokens
         conditional, kept = context, []
         if self.goal_encoder is not None and self.goal is not None:
-            told = torch.cat([observation[self.goal], *self._vectors(observation)], dim=-1)
-            conditional, kept = self.goal_encoder(told), [context]
+            told = [self._vector(observation, *self.goal), *([self._states(observation)] if self.states else [])]
+            conditional, kept = self.goal_encoder(torch.cat(told, dim=-1)), [context]
         null = self.null.expand_as(conditional)
         keep = self._keeps(conditional, self.context_dropout)
         conditional = torch.where(keep.bool(), conditional, null)
@@ -96,8 +99,15 @@ class VelocityNetwork(nn.Module):
 
         return BoundVelocity(self.dit, project(conditional), None if guidance == 1.0 else project(null), guidance)
 
-    def _vectors(self, observation: Mapping[str, Tensor]) -> list[Tensor]:
-        return [observation[key] for key in self.states]
+    def _states(self, observation: Mapping[str, Tensor]) -> Tensor:
+        return torch.cat([self._vector(observation, key, size) for key, size in self.states.items()], dim=-1)
+
+    def _vector(self, observation: Mapping[str, Tensor], key: str, size: int) -> Tensor:
+        """An observation as vectors (B, size), whatever its shape: LeRobot's loader makes (B,) of a single number."""
+        vector = observation[key].flatten(1) if observation[key].ndim > 1 else observation[key][:, None]
+        if vector.shape[1] != size:
+            raise ValueError(f"{key} has shape {tuple(observation[key].shape)}, but must hold {size} numbers an item")
+        return vector.to(self.null.dtype)
 
     def _keeps(self, tokens: Tensor, dropout: float) -> Tensor:
         """1 where an item's tokens are kept, 0 where training drops them, shape (B, 1, 1)."""

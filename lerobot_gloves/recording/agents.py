@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -23,7 +23,8 @@ from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.rollout import rollout
 from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.recording import staging
-from lerobot_gloves.recording.demonstrations import MODE, Recordable, features
+from lerobot_gloves.recording.demonstrations import MODE
+from lerobot_gloves.recording.observations import columns
 from lerobot_gloves.recording.sources import SOURCES, agent_task
 from lerobot_gloves.recording.staging import StagedEpisode
 from lerobot_gloves.recording.workers import stage_all
@@ -90,7 +91,7 @@ class Listener(Perturbation):
 
 
 def record(
-    env_config: Recordable, agent: Agent, folder: Path, *, num_episodes: int, seed: int, num_workers: int
+    env_config: EnvConfig, agent: Agent, folder: Path, *, num_episodes: int, seed: int, num_workers: int
 ) -> Iterator[int]:
     """Stage the episodes 0 to `num_episodes` - 1 that are not there yet, batch by batch.
 
@@ -114,9 +115,9 @@ def record(
     yield from stage_all(partial(_stage, env_config, agent, folder, seed), folder, batches, num_workers)
 
 
-def _stage(env_config: Recordable, agent: Agent, folder: Path, seed: int, batches: Sequence[range]) -> Iterator[None]:
+def _stage(env_config: EnvConfig, agent: Agent, folder: Path, seed: int, batches: Sequence[range]) -> Iterator[None]:
     torch.set_num_threads(1)  # the order of sums, and with it the last bits of an action, depend on it
-    with environments(cast(EnvConfig, env_config), agent.batch_size) as env:
+    with environments(env_config, agent.batch_size) as env:
         for batch in batches:
             # The last batch is as large as the others; what is too many of it is dropped.
             for index, episode in zip(batch, play(env_config, agent, env, seed + batch.start), strict=False):
@@ -124,7 +125,7 @@ def _stage(env_config: Recordable, agent: Agent, folder: Path, seed: int, batche
             yield
 
 
-def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int) -> list[StagedEpisode]:
+def play(env_config: EnvConfig, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int) -> list[StagedEpisode]:
     """One episode in each of B environments, by an agent that was loaded for them.
 
     Args:
@@ -138,19 +139,21 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
     """
     gc.collect()  # the last batch's agent refers to itself, and a GPU may not hold two
     set_seed(seed)  # for agents that draw from the global generators
-    wrapped = load_agent(cast(EnvConfig, env_config), agent.checkpoint, agent.perturbation, seed)
+    wrapped = load_agent(env_config, agent.checkpoint, agent.perturbation, seed)
     listener = Listener(wrapped.policy.perturbation)
     wrapped.policy.perturbation = listener
     queries: dict[int, list[dict[str, np.ndarray]]] = defaultdict(list)
+    modes = getattr(env_config, "modes", None)  # the label of a task with an expert, whose dataset is merged with this
 
     def watch(observation: Mapping[str, Any], running: np.ndarray) -> None:
         proposal, listener.proposal = listener.proposal, None
         if proposal is None:
             return
-        modes = np.array([[env_config.modes.index(task)] for task in task_strings(env)], dtype=np.int64)
-        columns = {**features(env_config, observation), ACTION: proposal.cpu().numpy(), MODE: modes}
+        seen = {**columns(env_config, observation), ACTION: proposal.cpu().numpy()}
+        if modes is not None:
+            seen[MODE] = np.array([[modes.index(task)] for task in task_strings(env)], dtype=np.int64)
         for row in running.nonzero()[0]:
-            queries[row].append({key: np.array(values[row]) for key, values in columns.items()})
+            queries[row].append({key: np.array(values[row]) for key, values in seen.items()})
 
     with wrapped.autocast:
         played = rollout(env, wrapped, range(seed, seed + env.num_envs), watch)

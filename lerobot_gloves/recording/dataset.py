@@ -2,20 +2,23 @@
 
 import shutil
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from datasets.utils import disable_progress_bars
 from huggingface_hub import HfApi
 from huggingface_hub.errors import RevisionNotFoundError
-from lerobot.configs import FeatureType
 from lerobot.datasets import CODEBASE_VERSION, LeRobotDataset, LeRobotDatasetMetadata
+from lerobot.envs import EnvConfig
+from lerobot.utils.constants import OBS_IMAGE
 from tqdm import tqdm
 
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.agents import Agent
-from lerobot_gloves.recording.demonstrations import MODE, Recordable
+from lerobot_gloves.recording.demonstrations import MODE
 
 _PACKAGE = Path(__file__).parents[1]
 CARD_FOLDERS = (_PACKAGE / "datasets_cards", _PACKAGE.parent / "datasets_cards")
@@ -31,21 +34,24 @@ configs:
 """
 
 
-def dataset_features(env_config: Recordable, *, video: bool) -> dict[str, dict[str, Any]]:
-    """The dataset's features, under LeRobot's keys: the environment's, and each frame's mode label."""
+def dataset_features(env_config: EnvConfig, row: Mapping[str, np.ndarray], *, video: bool) -> dict[str, dict[str, Any]]:
+    """The features of a dataset with such rows, under LeRobot's keys; those that the task lists go first."""
+    names = getattr(env_config, "feature_names", {})
+    listed = [env_config.features_map.get(name) for name in env_config.features]
     features: dict[str, dict[str, Any]] = {}
-    for name, feature in env_config.features.items():
-        key = env_config.features_map[name]
-        if feature.type is FeatureType.VISUAL:
-            names, dtype = ["height", "width", "channels"], "video" if video else "image"
+    for key in dict.fromkeys([*(key for key in listed if key in row), *row]):
+        if key == MODE:
+            features[key] = {"dtype": "int64", "names": ["mode"]}
+        elif key.startswith(OBS_IMAGE):
+            features[key] = {"dtype": "video" if video else "image", "names": ["height", "width", "channels"]}
         else:
-            names, dtype = env_config.feature_names[key], "float32"
-        features[key] = {"dtype": dtype, "shape": tuple(feature.shape), "names": names}
-    return features | {MODE: {"dtype": "int64", "shape": (1,), "names": ["mode"]}}
+            features[key] = {"dtype": "float32", "names": names.get(key)}
+        features[key]["shape"] = row[key].shape
+    return features
 
 
 def assemble(
-    env_config: Recordable,
+    env_config: EnvConfig,
     folder: Path,
     root: Path,
     *,
@@ -54,6 +60,7 @@ def assemble(
     video: bool,
     command: str,
     agent: Agent | None = None,
+    robot_type: str | None = None,
 ) -> None:
     """Write the staged episodes as the dataset `root`, which appears at once, whole, when all is written.
 
@@ -66,16 +73,17 @@ def assemble(
         video: Images as video instead of one by one.
         command: The command that makes the dataset, for its card.
         agent: Who was recorded; None for the task's expert.
+        robot_type: What the robot is; None for what the task says of it, by its `robot_type` or else by its name.
     """
     disable_progress_bars()  # of each episode's Parquet conversion
     unfinished = folder / "dataset"
     shutil.rmtree(unfinished, ignore_errors=True)
-    features = dataset_features(env_config, video=video)
+    features = dataset_features(env_config, next(staging.load(folder, 0).rows()), video=video)
     dataset = LeRobotDataset.create(
         repo_id,
         fps=env_config.fps,
         root=unfinished,
-        robot_type="panda",
+        robot_type=robot_type or getattr(env_config, "robot_type", env_config.type),
         features=features,
         use_videos=video,
         video_backend="pyav",  # the default looks for torchcodec first, and prints a page when FFmpeg is missing
@@ -100,7 +108,7 @@ def assemble(
     unfinished.replace(root)
 
 
-def _agents_outcome(env_config: Recordable, agent: Agent, failures: Counter[str]) -> str:
+def _agents_outcome(env_config: EnvConfig, agent: Agent, failures: Counter[str]) -> str:
     failed = ", ".join(f"{kind} {count}" for kind, count in failures.most_common() if kind)
     return (
         f"Task: `{env_config.type}`. Agent: `{agent.checkpoint}`. Perturbation: `{agent.perturbation}`.\n"

@@ -9,9 +9,10 @@ import gymnasium as gym
 import numpy as np
 from lerobot.configs import PolicyFeature
 from lerobot.envs import EnvConfig
-from lerobot.utils.constants import ACTION, OBS_IMAGES
+from lerobot.utils.constants import ACTION
 
 from lerobot_gloves.recording import staging
+from lerobot_gloves.recording.observations import single
 from lerobot_gloves.recording.staging import StagedEpisode
 from lerobot_gloves.recording.workers import stage_all
 
@@ -35,7 +36,7 @@ class Expert(Protocol):
 
 @runtime_checkable
 class Recordable(Protocol):
-    """What an `EnvConfig` offers when its task can be recorded."""
+    """What an `EnvConfig` offers when its task has a scripted expert to be recorded; an agent needs none of it."""
 
     modes: ClassVar[tuple[str, ...]]
     feature_names: ClassVar[dict[str, list[str]]]
@@ -72,7 +73,10 @@ def check_recordable(env_config: EnvConfig) -> Recordable:
     if isinstance(env_config, Recordable):
         return env_config
     choices = sorted(name for name, cls in EnvConfig.get_known_choices().items() if hasattr(cls, "make_expert"))
-    raise ValueError(f"env.type {env_config.type!r} has no scripted expert: choose one of {', '.join(choices)}")
+    raise ValueError(
+        f"env.type {env_config.type!r} has no scripted expert: choose one of {', '.join(choices)}, or record a policy "
+        "by --agent"
+    )
 
 
 def record(env_config: Recordable, folder: Path, *, num_episodes: int, seed: int, num_workers: int) -> Iterator[int]:
@@ -124,7 +128,7 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> StagedEpisod
         over = False
         while not over:
             action = expert.act(observation)
-            steps.append({**features(env_config, observation), ACTION: action})
+            steps.append({**single(cast(EnvConfig, env_config), observation), ACTION: action})
             observation, _, terminated, truncated, info = env.step(expert.disturb(action))
             over = terminated or truncated
         if info["is_success"]:
@@ -135,12 +139,3 @@ def demonstrate(env_config: Recordable, env: gym.Env, seed: int) -> StagedEpisod
         f"the expert failed {MAX_ATTEMPTS} times in the environment with seed {seed}: does an episode end too early "
         "for it (--env.episode_length)?"
     )
-
-
-def features(env_config: Recordable, observation: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """An observation of the environment, or a batch of them, under LeRobot's keys."""
-    values = {f"{OBS_IMAGES}.{camera}": frame for camera, frame in observation.get("pixels", {}).items()}
-    values |= {key: value for key, value in observation.items() if key != "pixels"}
-    # An environment may show its expert more than it shows a policy.
-    names = env_config.features_map
-    return {names[key]: value for key, value in values.items() if key in names}

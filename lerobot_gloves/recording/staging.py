@@ -52,14 +52,15 @@ def open_staging(folder: Path, settings: Mapping[str, Any]) -> None:
 
     Args:
         folder: The staging folder.
-        settings: What the episodes depend on; must survive a trip through JSON unchanged.
+        settings: What the episodes depend on.
 
     Raises:
         ValueError: If the folder holds episodes that were recorded with other settings.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    settings = json.loads(json.dumps(settings, default=str))  # as it will be read again: any environment's arguments
     file = folder / "settings.json"
-    if not file.exists():
+    if not file.exists() or not staged(folder):  # what was begun otherwise has come to nothing
         with whole(file) as part:
             part.write_text(json.dumps(settings, indent=2))
         return

@@ -71,6 +71,6 @@ def _work(stage: Stage, parts: Sequence[range], told: "SimpleQueue[str]") -> Non
         for _ in stage(parts):
             if parent is None or not parent.is_alive():
                 return
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, ImportError) as error:
         told.put(str(error)[:1000])  # nobody reads before all have ended, and a pipe holds only so much
         sys.exit(1)

@@ -10,6 +10,7 @@ def one_line(error: BaseException) -> str:
 
 def cause(error: BaseException) -> BaseException:
     """What a configuration said of a wrong value, out of the errors of its own that the parser wraps around it."""
-    while isinstance(error, ParsingError) and error.__cause__ is not None:
+    # A KeyError names a key and says nothing of it: what the parser makes of it says more.
+    while isinstance(error, ParsingError) and error.__cause__ is not None and not isinstance(error.__cause__, KeyError):
         error = error.__cause__
     return error

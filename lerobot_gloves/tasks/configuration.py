@@ -32,6 +32,7 @@ class TaskConfig(EnvConfig):
         cameras: Names of the cameras that pixel observations hold.
         feature_names: What each entry of a feature is, under LeRobot's keys.
         demonstrations: How many the paper has of the task.
+        robot_type: What the robot is.
 
     Raises:
         ValueError: If the observation type or rate is not one that exists, or a size or length is below 1.
@@ -49,6 +50,7 @@ class TaskConfig(EnvConfig):
     cameras: ClassVar[tuple[str, ...]]
     feature_names: ClassVar[dict[str, list[str]]]
     demonstrations: ClassVar[int] = 400
+    robot_type: ClassVar[str] = "panda"
 
     features: dict[str, PolicyFeature] = field(default_factory=dict)
     features_map: dict[str, str] = field(default_factory=dict)

@@ -3,11 +3,14 @@
 The comments above the fields are what LeRobot's `--help` shows; it cannot read attributes in a docstring.
 """
 
+import math
 from dataclasses import dataclass, field
 
 from lerobot.configs import NormalizationMode, PolicyFeature, PreTrainedConfig
 from lerobot.optim import AdamWConfig
 from lerobot.optim.schedulers import LRSchedulerConfig
+
+from .inputs import COLOURS, excluding
 
 
 @dataclass
@@ -104,14 +107,14 @@ class FlowConfig(PreTrainedConfig):
     def condition(self) -> tuple[str, int] | None:
         """Key and size of the vector that is a token of its own and dropped alone: the goal, if the flow reads one."""
         features = self.input_features or {}
-        return (self.goal, features[self.goal].shape[0]) if self.goal is not None else None
+        return (self.goal, math.prod(features[self.goal].shape)) if self.goal is not None else None
 
     @property
     def state_features(self) -> dict[str, int]:
-        """Observation keys of the state vectors that make up the context, and their sizes."""
+        """Observation keys of the states that make up the context, and how many numbers each holds."""
         images = self.image_features
         return {
-            key: feature.shape[0]
+            key: math.prod(feature.shape)
             for key, feature in sorted((self.input_features or {}).items())
             if key not in images and key != self.goal
         }
@@ -120,11 +123,18 @@ class FlowConfig(PreTrainedConfig):
         """Drop the excluded features and check that the rest suffices.
 
         Raises:
-            ValueError: If the action, the goal or everything to be conditioned on is missing.
+            ValueError: If the action, the goal or everything to be conditioned on is missing, or an image is no colour
+                image; says what to exclude.
         """
         features = self.input_features or {}
         kept = {key: feature for key, feature in features.items() if key not in self.exclude_features}
         self.input_features: dict[str, PolicyFeature] = kept
+        for key, feature in self.image_features.items():
+            if feature.shape[0] != COLOURS:
+                raise ValueError(
+                    f"{self.type}: {key} has {feature.shape[0]} channels, but a colour image has {COLOURS}: leave it "
+                    f"out by {excluding(key, *self.exclude_features)}"
+                )
         if self.action_feature is None:
             raise ValueError(f"{self.type}: the data holds no 'action', only {_names(self.output_features)}")
         if self.goal is not None and self.goal not in self.input_features:

@@ -44,9 +44,10 @@ class NoiseLevels:
             like: Gives dtype and device.
             levels: Another number of levels.
         """
+        # On the CPU, since not every device has double precision.
         ramp = torch.linspace(0, 1, levels or self.levels, dtype=torch.float64)
         top, bottom = self.sigma_max ** (1 / self.rho), self.sigma_min ** (1 / self.rho)
-        return ((top + ramp * (bottom - top)) ** self.rho).to(like)
+        return ((top + ramp * (bottom - top)) ** self.rho).to(like.dtype).to(like.device)
 
     def time(self, sigma: Tensor) -> Tensor:
         """What the network is told of sigma: 0 at `sigma_max`, 1 at `sigma_min`, linear in log sigma.

@@ -1,5 +1,5 @@
-"""Processors of `csa_assist`: LeRobot's default pipelines (rename, batch, device, normalise; and back)."""
+"""Processors of `csa_assist`: those of every flow."""
 
-from lerobot.processor import make_default_pre_post_processors
+from gloves_flow.inputs import make_flow_pre_post_processors
 
-make_csa_assist_pre_post_processors = make_default_pre_post_processors
+make_csa_assist_pre_post_processors = make_flow_pre_post_processors

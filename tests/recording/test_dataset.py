@@ -100,6 +100,7 @@ def test_pixel_recordings_hold_the_frames_and_not_the_pillars(tmp_path):
     recorded = assemble(config, tmp_path / "staging", tmp_path / "dataset", 1)
     assert "observation.environment_state" not in recorded.features
     assert recorded.features["observation.images.front"]["dtype"] == "image"
+    assert recorded.meta.robot_type == "panda"
     env = Slalom(obs_type="pixels_agent_pos", image_size=48)
     observation, _ = env.reset(options={"mode": "0 0 0"})
     states = np.stack(recorded.hf_dataset["observation.state"])

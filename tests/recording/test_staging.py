@@ -54,7 +54,9 @@ def test_only_episodes_of_the_same_settings_are_taken_up(tmp_path):
     folder = staging.staging_folder(tmp_path / "slalom")
     assert folder == tmp_path / "slalom.staging"
     settings = {"env.type": "gloves_slalom", "obs_type": "state", "mode": None, "seed": 30000}
+    staging.open_staging(folder, settings | {"seed": 7})  # nothing came of it
     staging.open_staging(folder, settings)
+    staging.save(folder, 0, StagedEpisode(frames={"action": np.zeros((3, 2))}, task=""))
     staging.open_staging(folder, settings)
     with pytest.raises(ValueError, match=r"slalom.staging holds episodes recorded with obs_type=state, seed=30000"):
         staging.open_staging(folder, settings | {"obs_type": "pixels_agent_pos", "seed": 30001})

@@ -15,6 +15,7 @@ from lerobot_gloves.recording.sources import SOURCES, source_of
 from lerobot_gloves.scores import SCORES
 
 from .configuration_gloves_align_flow import LABEL, GlovesAlignFlowConfig
+from .split import check_split
 
 if TYPE_CHECKING:
     from lerobot.datasets import LeRobotDatasetMetadata
@@ -44,6 +45,7 @@ class GlovesAlignFlowPolicy(FlowPolicy):
     ):
         if dataset_meta is not None:
             config.check_tasks(dataset_meta.tasks.index)
+            check_split(config, dataset_meta)
         super().__init__(config, **kwargs)
         self._fps = dataset_meta.fps if dataset_meta is not None else None
 
@@ -65,7 +67,8 @@ class GlovesAlignFlowPolicy(FlowPolicy):
         sources, lengths = zip(*map(source_of, batch["task"]), strict=True)
         if self.training:  # Not from the dataset's list of tasks: --dataset.episodes may have left some out.
             self.config.sources = [source for source in SOURCES if source in {*self.config.sources, *sources}]
-        rows = (batch["timestamp"].double() * self._fps).round().long()
+        # Of single precision, as not every device has double: exact below four million rows an episode.
+        rows = (batch["timestamp"].float() * self._fps).round().long()
         # An agent's rows come in blocks of one proposal; the expert's each begin a chunk, a block of one row.
         begin = self.config.chunk_size - 1 - rows % torch.tensor(lengths, device=device)
         window = begin[:, None] + torch.arange(self.config.chunk_size, device=device)

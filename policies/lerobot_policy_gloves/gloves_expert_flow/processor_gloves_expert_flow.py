@@ -1,5 +1,5 @@
-"""Processors of `gloves_expert_flow`: LeRobot's default pipelines (rename, batch, device, normalise; and back)."""
+"""Processors of `gloves_expert_flow`: those of every flow."""
 
-from lerobot.processor import make_default_pre_post_processors
+from gloves_flow.inputs import make_flow_pre_post_processors
 
-make_gloves_expert_flow_pre_post_processors = make_default_pre_post_processors
+make_gloves_expert_flow_pre_post_processors = make_flow_pre_post_processors

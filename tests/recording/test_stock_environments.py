@@ -1,0 +1,105 @@
+"""An agent is recorded in an environment that nobody made for it: LeRobot's own, or a user's."""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.datasets import LeRobotDataset
+from lerobot.envs import AlohaEnv, PushtEnv, env_to_policy_features
+
+from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
+from lerobot_gloves.recording import staging
+from lerobot_gloves.recording.sources import source_of
+from lerobot_gloves.recording.staging import StagedEpisode
+from tests.builders import ACT, save_policy
+from tests.recording.stock import SIZE, START, ReachEnv
+
+T = ACT["n_action_steps"]
+STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
+
+
+def recording(env, agent, root, **options) -> RecordConfig:
+    named = RecordedDatasetConfig(repo_id="me/reach", root=root, num_episodes=3, **options)
+    return RecordConfig(env=env, dataset=named, agent=str(agent), batch_size=2)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Callable[[str], LeRobotDataset]:
+    """What an agent does in the environment whose observations are of that form, by the command."""
+    made: dict[str, LeRobotDataset] = {}
+
+    def of(shows: str) -> LeRobotDataset:
+        if shows not in made:
+            folder = tmp_path_factory.mktemp(shows)
+            image = {ReachEnv(shows=shows).image: PolicyFeature(FeatureType.VISUAL, (3, SIZE, SIZE))}
+            agent = save_policy(folder / "agent", "act", input_features=STATE | image)
+            named = {"robot_type": "so101"} if shows == "dict" else {}
+            record(recording(ReachEnv(shows=shows), agent, folder / "data", **named))
+            made[shows] = LeRobotDataset("me/reach", root=folder / "data")
+        return made[shows]
+
+    return of
+
+
+@pytest.mark.parametrize("shows", ["array", "dict", "nested"])
+def test_an_agent_needs_no_expert_and_its_observations_no_particular_form(recorded, shows):
+    """What the environment does of itself is the judge: it moves by each action, and its picture counts the steps."""
+    image, dataset = ReachEnv(shows=shows).image, recorded(shows)
+    seen = {key for key in dataset.features if key.startswith(("observation", "action", "mode"))}
+    assert seen == {"observation.state", image, "action"}
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (3, 3 * 2 * T, 10)
+    actions, states = (np.stack(dataset.hf_dataset[key]).reshape(3, 2, T, 2) for key in ("action", "observation.state"))
+    assert np.array_equal(states[:, 0], np.broadcast_to(START, (3, T, 2)))
+    assert np.allclose(states[:, 1], (START + actions[:, 0].sum(axis=1))[:, None], atol=1e-6)
+    assert np.ptp(actions) > 0
+    for row in range(2 * T):
+        frame = (dataset[row][image] * 255).round()
+        assert frame.shape == (3, SIZE, SIZE) and (frame == 10 * T * (row // T)).all()
+    assert {source_of(task) for task in dataset.meta.tasks.index} == {("none", T)}
+
+
+def test_the_robot_is_the_one_that_moves(recorded):
+    """The environment's, or the one that is named. That of our tasks is tested with their recordings."""
+    assert recorded("array").meta.robot_type == "reach"
+    assert recorded("dict").meta.robot_type == "so101"
+
+
+def test_the_card_says_how_to_record_it_again(recorded):
+    card = (recorded("dict").root / "README.md").read_text()
+    command = "gloves record --env.type=reach --env.shows=dict --dataset.repo_id=me/reach --dataset.num_episodes=3 "
+    assert f"{command}--dataset.robot_type=so101 --agent=" in card
+    assert "Task: `reach`." in card and re.search(r"succeeded: 0 of 3 \(failed: timeout 3\)", card)
+
+
+def test_another_task_of_the_environment_is_another_recording(tmp_path, monkeypatch):
+    """Its name is no argument of the environment, as that of gym-aloha's two."""
+    agent = save_policy(tmp_path / "agent", "gloves_expert_flow", input_features=STATE)
+    monkeypatch.setattr("lerobot_gloves.commands.record._episodes", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        record(recording(ReachEnv(), agent, tmp_path / "reach"))
+    staging.save(staging.staging_folder(tmp_path / "reach"), 0, StagedEpisode({"action": np.zeros((1, T, 2))}, ""))
+    with pytest.raises(ValueError, match=r"recorded with env\.task=Reach-v0: use the same options"):
+        record(recording(ReachEnv(task="Reach-v1"), agent, tmp_path / "reach"))
+
+
+def test_the_expert_that_is_missing_is_asked_for_only_without_an_agent(tmp_path):
+    named = RecordedDatasetConfig(repo_id="me/reach", root=tmp_path / "reach")
+    with pytest.raises(
+        ValueError, match=r"'reach' has no scripted expert: .*gloves_slalom.*, or record a policy by --a"
+    ):
+        record(RecordConfig(env=ReachEnv(), dataset=named))
+
+
+@pytest.mark.parametrize("env", [PushtEnv(), AlohaEnv()])
+def test_lerobots_own_need_only_be_installed(tmp_path, env):
+    """Their packages are not, here."""
+    inputs = {
+        key: PolicyFeature(one.type, (3, SIZE, SIZE)) if one.type is FeatureType.VISUAL else one
+        for key, one in env_to_policy_features(env).items()
+    }
+    action = {"action": inputs.pop("action")}
+    agent = save_policy(tmp_path / "agent", "act", input_features=inputs, output_features=action)
+    with pytest.raises(ModuleNotFoundError, match=f"'gym_{env.type}' required for env '{env.type}' not found"):
+        record(recording(env, agent, tmp_path / "data"))
