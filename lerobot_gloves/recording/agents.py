@@ -83,8 +83,8 @@ class Listener(Perturbation):
         if self._perturbation is not None:
             self._perturbation.reset(batch_size, seed, first_episode)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
-        chunk = chunk if self._perturbation is None else self._perturbation(chunk)
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
+        chunk = chunk if self._perturbation is None else self._perturbation(chunk, ran)
         self.proposal = chunk.clone()
         return chunk
 
@@ -147,6 +147,7 @@ def play(env_config: Recordable, agent: Agent, env: gym.vector.SyncVectorEnv, se
         proposal, listener.proposal = listener.proposal, None
         if proposal is None:
             return
+        proposal = proposal[:, : getattr(wrapped.policy, "executed", None)]  # a dataset holds what an agent may do
         modes = np.array([[env_config.modes.index(task)] for task in task_strings(env)], dtype=np.int64)
         columns = {**features(env_config, observation), ACTION: proposal.cpu().numpy(), MODE: modes}
         for row in running.nonzero()[0]:

@@ -8,7 +8,6 @@ from lerobot.policies.rtc.configuration_rtc import RTCConfig
 from lerobot.rollout.inference.rtc import supports_rtc_inference
 from lerobot.scripts.lerobot_rollout import rollout
 
-from lerobot_gloves.editors import FEEG, Reference
 from lerobot_policy_gloves.gloves_flow_policy.modeling_gloves_flow_policy import GlovesFlowPolicy
 from tests.builders import load, observation, save_policy, wrap
 from tests.policies.toyrobot import INPUTS, OUTPUTS, ToyRobot
@@ -71,8 +70,7 @@ def test_real_time_chunking_is_supported_where_the_agent_supports_it(checkpoints
     assert initialised == [policy.config.rtc_config]
 
 
-def test_a_chunk_is_corrected_whole_and_what_is_left_of_it_returns_to_the_agent(checkpoints, tmp_path):
-    """The agent's chunk has 9 actions, the adapter's 6: windows of 6 and 3."""
+def test_what_is_left_of_a_chunk_returns_to_the_agent(checkpoints, tmp_path):
     agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=9, n_action_steps=2)
     bare, (preprocess, postprocess) = load(agent)
     batch = observation(1)
@@ -84,26 +82,7 @@ def test_a_chunk_is_corrected_whole_and_what_is_left_of_it_returns_to_the_agent(
     chunk = policy.predict_action_chunk(batch, inference_delay=2, prev_chunk_left_over=None)
     assert asked == [{"inference_delay": 2}]
     torch.testing.assert_close(chunk, proposal, rtol=1e-4, atol=1e-8)
-    assert policy.statistics()["chunks"] == 2
     policy.predict_action_chunk(batch, inference_delay=1, prev_chunk_left_over=proposal[0, 4:])
     normalised = preprocess({**batch, "action": proposal})["action"]
     torch.testing.assert_close(asked[1].pop("prev_chunk_left_over"), normalised[0, 4:])
     assert asked[1] == {"inference_delay": 1}
-
-
-def test_a_chunk_is_edited_window_by_window(checkpoints, tmp_path):
-    agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=9)
-    adapter, (preprocess, postprocess) = load(checkpoints.adapter)
-    batch = observation(1)
-    proposal = wrap(agent).predict_action_chunk(batch)
-    edited = wrap(agent, adapter=checkpoints.adapter, method="feeg:steps=2").predict_action_chunk(batch)
-    assert edited.shape == proposal.shape == (1, 9, 2)
-    from lerobot_gloves.generators import spawn
-
-    generator, expected = spawn(0, 1, stream="editor"), []
-    for window in (proposal[:, :6], torch.cat([proposal[:, 6:], proposal[:, -1:].expand(-1, 3, -1)], dim=1)):
-        inputs = {key: value for key, value in batch.items() if key in adapter.config.input_features}
-        prepared = preprocess({**inputs, "action": window})
-        reference = Reference(adapter.velocity(prepared), generator=generator)
-        expected.append(postprocess(FEEG(steps=2)(prepared["action"], reference)))
-    torch.testing.assert_close(edited, torch.cat(expected, dim=1)[:, :9], rtol=1e-4, atol=1e-7)

@@ -19,7 +19,11 @@ from lerobot_gloves.perturbations import Perturbation
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
 from .journal import Journal
-from .proposals import ChunkTap
+from .plan import Plan
+from .proposals import ChunkTap, Proposal
+
+NOTHING = Plan(torch.empty(0, 0, 0), executed=0, step=0)
+"""The plan before an episode's first."""
 
 
 class NonFiniteProposalError(ValueError):
@@ -31,7 +35,8 @@ class GlovesPolicy(PreTrainedPolicy):
 
     The agent is asked for an action at every step, so that its own queues and histories go on as without a wrapper. The
     chunk that it computes is its proposal; whenever an unedited action becomes due, the adapter takes the next ones, at
-    most its own chunk size, and corrects them under the observation of that moment. Actions in and out are raw.
+    most its own chunk size, and corrects them under the observation of that moment. It sees them as they are proposed,
+    also those that the agent will not execute. Actions in and out are raw.
 
     Attributes:
         perturbation: What makes the agent imperfect, None for nothing. Its draws are the wrapper's, so it is a copy of
@@ -101,7 +106,7 @@ class GlovesPolicy(PreTrainedPolicy):
         self.running: Tensor | None = None
         self._step = 0
         self._observed: Tensor | None = None
-        self._proposals: deque[Tensor] = deque()
+        self._plan = NOTHING
         self._history: deque[Tensor] = deque(maxlen=0 if self._corrector is None else self._corrector.history)
         self._action_queue: deque[Tensor] = deque()
 
@@ -119,32 +124,44 @@ class GlovesPolicy(PreTrainedPolicy):
         proposal = self._tap.proposal(action)
         if proposal is not None:
             self._propose(proposal)
-        elif not self._proposals and not self._action_queue:
-            self._propose(action[:, None])
+        elif self._plan.over and not self._action_queue:
+            self._propose(Proposal(action[:, None], 1))
         running = self._running(batch)
         if not self._action_queue:
-            self._action_queue.extend(self._correct(batch, running).unbind(dim=1))
+            window, due = self._plan.take(self._covered)
+            self._action_queue.extend(self._correct(batch, window, running)[:, :due].unbind(dim=1))
         self._step += 1
         return self._action_queue.popleft()
+
+    @property
+    def executed(self) -> int:
+        """How many actions of the agent's last proposal it executes, the first ones."""
+        return self._plan.executed
+
+    @property
+    def _covered(self) -> int | None:
+        """How many actions an observation covers; None for all, where nothing is corrected."""
+        return None if self._corrector is None else self._corrector.chunk_size
 
     def _begin(self, batch_size: int) -> None:
         """Seed the draws of new episodes."""
         if not self._episodes.begin(batch_size):
             return
+        self._plan = NOTHING
         first, seed = self._episodes.first, self.config.seed
         self._generators = spawn(seed, batch_size, first_episode=first, stream="editor")
         if self.perturbation is not None:
             self.perturbation.reset(batch_size, seed, first_episode=first)
 
-    def _propose(self, proposal: Tensor) -> None:
-        """Take a normalised proposal (B, n, A) of the agent; what was left of the last one is void."""
+    def _propose(self, proposal: Proposal) -> None:
+        """Take a proposal of the agent; what was left of the last one is void."""
         # Action by action, as without a wrapper: some policies' processors take nothing but (B, A).
-        raw = torch.stack([self._agent.postprocess(action) for action in proposal.clone().unbind(dim=1)], dim=1)
+        raw = torch.stack([self._agent.postprocess(one) for one in proposal.actions.clone().unbind(dim=1)], dim=1)
         if self.perturbation is not None:
-            raw = self.perturbation(raw)
+            raw = self.perturbation(raw, self._step - self._plan.step)
         self._check_finite(raw, "the agent proposed")
         self._action_queue.clear()
-        self._proposals = deque(raw.unbind(dim=1))
+        self._plan = Plan(raw, proposal.executed, self._step)
 
     def _check_finite(self, chunk: Tensor, origin: str) -> None:
         finite = chunk.isfinite().flatten(1).all(dim=1)
@@ -154,14 +171,10 @@ class GlovesPolicy(PreTrainedPolicy):
                 f"{origin} a non-finite action in environment {row} at step {self._step}: {chunk[row].tolist()}"
             )
 
-    def _correct(self, observation: dict[str, Any], running: Tensor) -> Tensor:
-        """Correct the next proposed actions: raw (B, n, A)."""
+    def _correct(self, observation: dict[str, Any], window: Tensor, running: Tensor) -> Tensor:
+        """Correct proposed actions (B, n, A) that the observation covers: raw (B, n, A)."""
         if self._corrector is None:
-            window = torch.stack(list(self._proposals), dim=1)
-            self._proposals.clear()
             return window
-        count = min(self._corrector.chunk_size, len(self._proposals))
-        window = torch.stack([self._proposals.popleft() for _ in range(count)], dim=1)
         history = list(self._history)
         self._history.append(window)
         if self.running is not None and not self.running.any():
@@ -207,7 +220,10 @@ class GlovesPolicy(PreTrainedPolicy):
         prev_chunk_left_over: Tensor | None = None,
         **kwargs: Any,
     ) -> Tensor:
-        """A corrected raw chunk (B, n, A), for real-time chunking and other callers that queue by themselves.
+        """A raw chunk (B, n, A), for real-time chunking and other callers that queue by themselves.
+
+        What the observation covers, at most the adapter's chunk size, is corrected as `select_action` corrects it. What
+        lies further ahead passes as it was proposed: whoever executes it does so under observations that are to come.
 
         Args:
             batch: Raw observations.
@@ -215,6 +231,8 @@ class GlovesPolicy(PreTrainedPolicy):
             prev_chunk_left_over: What is left of the last chunk, as returned from here, (n, A).
             **kwargs: Passed on to the agent.
         """
+        self._tap.clear()
+        self.correction = None
         prepared = dict(batch)
         if prev_chunk_left_over is not None:
             prepared["action"] = prev_chunk_left_over.to(self.config.device)[None]
@@ -226,12 +244,11 @@ class GlovesPolicy(PreTrainedPolicy):
         with torch.no_grad():
             chunk = self._agent.policy.predict_action_chunk(prepared, **kwargs)
             self._begin(chunk.shape[0])
-            self._propose(chunk)
-            corrected, running = [], self._running(batch)
-            while self._proposals:
-                corrected.append(self._correct(batch, running))
-                self._step += corrected[-1].shape[1]
-            return torch.cat(corrected, dim=1)
+            self._step = self._plan.step + self._plan.executed
+            self._propose(Proposal(self._tap.whole(chunk), chunk.shape[1]))
+            window, due = self._plan.take(self._covered)
+            corrected = self._correct(batch, window, self._running(batch))
+            return torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
 
     def supports_rtc(self) -> bool:
         return self._agent.policy.supports_rtc()
