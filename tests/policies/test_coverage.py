@@ -9,6 +9,7 @@ from lerobot_gloves.adapter import pad
 from lerobot_gloves.demo import PACKAGED
 from lerobot_gloves.editors import FEEG, Reference
 from lerobot_gloves.generators import spawn
+from lerobot_gloves.perturbations import Smooth
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from tests.builders import load, observation, save_policy, wrap
 
@@ -42,10 +43,11 @@ def test_what_lies_beyond_the_adapters_chunk_passes_unedited(checkpoints, agents
     assert policy.statistics()["chunks"] == 2, "one for each environment"
 
 
-def test_asking_for_chunks_and_asking_for_actions_agree(checkpoints, agents):
+@pytest.mark.parametrize("perturbation", [None, Smooth(sigma=0.003)])
+def test_asking_for_chunks_and_asking_for_actions_agree(checkpoints, agents, perturbation):
     """Whoever executes T actions of each chunk and then asks again, executes what `select_action` gives."""
     whole, first = agents
-    options = {"adapter": checkpoints.adapter, "method": "feeg:steps=2"}
+    options = {"adapter": checkpoints.adapter, "method": "feeg:steps=2", "perturbation": perturbation}
     one, other = wrap(first, **options), wrap(whole, **options)
     observations = [observation(1, seed=step) for step in range(3 * T)]
     with torch.inference_mode():

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
+import torch.nn.functional as F
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
 from torch import Tensor
@@ -21,6 +22,7 @@ from .correction import Correction, Corrector
 from .journal import Journal
 from .plan import Plan
 from .proposals import ChunkTap, Proposal
+from .realtime import LeftOver
 
 NOTHING = Plan(torch.empty(0, 0, 0), executed=0, step=0)
 """The plan before an episode's first."""
@@ -107,6 +109,7 @@ class GlovesPolicy(PreTrainedPolicy):
         self._step = 0
         self._observed: Tensor | None = None
         self._plan = NOTHING
+        self._returned: Tensor | None = None
         self._history: deque[Tensor] = deque(maxlen=0 if self._corrector is None else self._corrector.history)
         self._action_queue: deque[Tensor] = deque()
 
@@ -228,27 +231,32 @@ class GlovesPolicy(PreTrainedPolicy):
         Args:
             batch: Raw observations.
             inference_delay: Steps that pass during inference, for an agent that supports real-time chunking.
-            prev_chunk_left_over: What is left of the last chunk, as returned from here, (n, A).
+            prev_chunk_left_over: What is left of the last chunk, as returned from here, (n, A), cut off or filled up by
+                zeros as LeRobot does. It also says how many actions were executed since; without it, all were.
             **kwargs: Passed on to the agent.
         """
         self._tap.clear()
         self.correction = None
-        prepared = dict(batch)
+        prepared, left, ran = dict(batch), None, None
         if prev_chunk_left_over is not None:
-            prepared["action"] = prev_chunk_left_over.to(self.config.device)[None]
+            left = LeftOver.of(self._returned, prev_chunk_left_over)
+            prepared["action"], ran = left.actions.to(self.config.device)[None], left.ran
         prepared = self._agent.preprocess(prepared)
-        if prev_chunk_left_over is not None:
-            kwargs["prev_chunk_left_over"] = prepared.pop("action").squeeze(0)
+        if left is not None:
+            # Behind what is left stand the zeros that the agent would be given without a wrapper.
+            kwargs["prev_chunk_left_over"] = F.pad(prepared.pop("action").squeeze(0), (0, 0, 0, left.padding))
         if inference_delay is not None:
             kwargs["inference_delay"] = inference_delay
         with torch.no_grad():
             chunk = self._agent.policy.predict_action_chunk(prepared, **kwargs)
             self._begin(chunk.shape[0])
-            self._step = self._plan.step + self._plan.executed
+            self._step = self._plan.step + (self._plan.executed if ran is None else ran)
             self._propose(Proposal(self._tap.whole(chunk), chunk.shape[1]))
             window, due = self._plan.take(self._covered)
             corrected = self._correct(batch, window, self._running(batch))
-            return torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
+            returned = torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
+        self._returned = returned[0].clone()  # whoever asks with a prefix asks for one environment
+        return returned
 
     def supports_rtc(self) -> bool:
         return self._agent.policy.supports_rtc()
