@@ -19,6 +19,7 @@ from lerobot_gloves.perturbations import Perturbation
 
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
+from .decoding import Decoder
 from .journal import Journal
 from .plan import Plan
 from .proposals import ChunkTap, Proposal
@@ -61,6 +62,7 @@ class GlovesPolicy(PreTrainedPolicy):
         # Neither agent nor adapter is a submodule: their weights are not the wrapper's to save.
         self._agent = load_policy(config.agent_config, config.device)
         self._tap = ChunkTap(self._agent.policy)
+        self._decode = Decoder(self._agent.postprocess)
         # The adapter's weights are drawn before they are loaded, but the agent's noise shall be as without an adapter.
         with torch.random.fork_rng(devices=[]):
             self._corrector = Corrector(config, config.adapter) if config.adapter else None
@@ -158,8 +160,7 @@ class GlovesPolicy(PreTrainedPolicy):
 
     def _propose(self, proposal: Proposal) -> None:
         """Take a proposal of the agent; what was left of the last one is void."""
-        # Action by action, as without a wrapper: some policies' processors take nothing but (B, A).
-        raw = torch.stack([self._agent.postprocess(one) for one in proposal.actions.clone().unbind(dim=1)], dim=1)
+        raw = self._decode(proposal.actions)
         if self.perturbation is not None:
             raw = self.perturbation(raw, self._step - self._plan.step)
         self._check_finite(raw, "the agent proposed")
@@ -194,6 +195,7 @@ class GlovesPolicy(PreTrainedPolicy):
                 generators = [self._generators[row] for row in rows.nonzero()[:, 0].tolist()]
                 past = [before[rows] for before in history]
                 correction = self._corrector(some, window[rows], generators, past).spread(window, rows)
+        correction.action[correction.edited] = self._decode.snap(correction.action[correction.edited])
         self.correction = correction
         self._check_finite(correction.action, "the editor returned")
         self._journal.note(correction, self._episodes.first, self._step, running)
