@@ -15,6 +15,7 @@ from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.loading import load_policy
+from lerobot_gloves.checkpoints.statistics import action_range
 from lerobot_gloves.conformal import ConformalGate
 from lerobot_gloves.specification import name_of, parse, parse_optional, specification
 
@@ -67,6 +68,10 @@ class Correction:
 class Corrector:
     """Loads the adapter that a wrapper names and corrects proposals with it.
 
+    Attributes:
+        bounds: Between what the entries of an edited action lie, raw, (A,) each: by default the range of the data that
+            the adapter was trained on; None for any number.
+
     Args:
         config: The wrapper's settings.
         adapter: Folder or Hub id of the adapter, which they name.
@@ -89,6 +94,7 @@ class Corrector:
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
         self.editor, self.score = choose(config, self.adapter)
+        self.bounds = action_range(self.loaded.preprocess)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
@@ -193,12 +199,23 @@ class Corrector:
                 length=length,
                 generator=[g for g, e in zip(generators, edited.tolist(), strict=True) if e],
             )
-            executed[edited] = self.loaded.postprocess(result)[:, :length].to(executed)
+            raw = self.loaded.postprocess(result)[:, :length].to(executed)
+            executed[edited] = kept = self._bounded(raw)
+            if not torch.equal(kept, raw):
+                seen = {key: value[edited] for key, value in told.items()}
+                result = self.loaded.preprocess({**seen, "action": kept})["action"]
             moved = (result - chunk[edited])[:, :length].norm(dim=-1).mean(dim=-1)
             distance[edited] = moved.cpu()
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
+
+    def _bounded(self, raw: Tensor) -> Tensor:
+        """Raw actions (..., A) between the bounds."""
+        if self.bounds is None:
+            return raw
+        low, high = (bound.to(raw) for bound in self.bounds)
+        return raw.clamp(low, high)
 
 
 def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:

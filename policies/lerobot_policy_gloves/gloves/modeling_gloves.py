@@ -11,11 +11,13 @@ import torch
 import torch.nn.functional as F
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.generators import Episodes, spawn
 from lerobot_gloves.perturbations import Perturbation
+from lerobot_gloves.tasks.configuration import ClippedAction
 
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
@@ -66,6 +68,9 @@ class GlovesPolicy(PreTrainedPolicy):
         # The adapter's weights are drawn before they are loaded, but the agent's noise shall be as without an adapter.
         with torch.random.fork_rng(devices=[]):
             self._corrector = Corrector(config, config.adapter) if config.adapter else None
+        self._clipped = isinstance((config.output_features or {}).get(ACTION), ClippedAction)
+        if self._corrector is not None and self._clipped:
+            self._corrector.bounds = None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
         self._journal = Journal(config.log)
         self._episodes = Episodes()
@@ -95,6 +100,18 @@ class GlovesPolicy(PreTrainedPolicy):
         saved._save_pretrained(save_directory)
         for pipeline in PASSTHROUGH.glob("*.json"):
             shutil.copy(pipeline, save_directory)
+
+    def bound_actions(self, low: Tensor, high: Tensor) -> None:
+        """Keep edited actions inside an environment's action space, told by a caller who knows it.
+
+        Unedited ones stay as they were proposed. Nobody needs to tell of an environment that clips actions itself.
+
+        Args:
+            low: The least value of each entry of a raw action, (A,).
+            high: The largest.
+        """
+        if self._corrector is not None and not self._clipped:
+            self._corrector.bounds = (low, high)
 
     def statistics(self) -> dict[str, float]:
         """Totals so far: chunks, intervention rate, distance, milliseconds and network evaluations a chunk."""
