@@ -15,7 +15,7 @@ from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.loading import load_policy
-from lerobot_gloves.checkpoints.statistics import action_range
+from lerobot_gloves.checkpoints.statistics import Constants, action_range
 from lerobot_gloves.conformal import ConformalGate
 from lerobot_gloves.specification import name_of, parse, parse_optional, specification
 
@@ -95,6 +95,7 @@ class Corrector:
             )
         self.editor, self.score = choose(config, self.adapter)
         self.bounds = action_range(self.loaded.preprocess)
+        self.constants = Constants(self.loaded.preprocess)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
@@ -177,7 +178,7 @@ class Corrector:
         # The task's text and the other observations are the agent's.
         told = {key: value for key, value in named.items() if key in self.inputs}
         proposals = torch.stack([*(pad(past, self.chunk_size) for past in history), chunk], dim=1)
-        batch = self.loaded.preprocess({**told, "action": proposals})
+        batch = self._normalised({**told, "action": proposals})
         *before, chunk = batch["action"].unbind(dim=1)
         past = {"history": torch.stack(before, dim=1) if before else None} if self.history else {}
         bound, gate = self.adapter.bind(batch, **past), self.gate(length)
@@ -200,15 +201,24 @@ class Corrector:
                 generator=[g for g, e in zip(generators, edited.tolist(), strict=True) if e],
             )
             raw = self.loaded.postprocess(result)[:, :length].to(executed)
-            executed[edited] = kept = self._bounded(raw)
+            kept = self._bounded(raw)
             if not torch.equal(kept, raw):
                 seen = {key: value[edited] for key, value in told.items()}
-                result = self.loaded.preprocess({**seen, "action": kept})["action"]
-            moved = (result - chunk[edited])[:, :length].norm(dim=-1).mean(dim=-1)
+                result = self._normalised({**seen, "action": kept})["action"]
+            moved = (result - chunk[edited])[:, :length]
+            if (constant := self.constants.action) is not None:
+                kept = torch.where(constant.to(kept.device), executed[edited], kept)
+                moved[..., constant] = 0
+            executed[edited] = kept
+            moved = moved.norm(dim=-1).mean(dim=-1)
             distance[edited] = moved.cpu()
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
+
+    def _normalised(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        """What the adapter sees of raw observations and actions: no more of a constant than in its training."""
+        return self.loaded.preprocess(self.constants.hold(batch))
 
     def _bounded(self, raw: Tensor) -> Tensor:
         """Raw actions (..., A) between the bounds."""
