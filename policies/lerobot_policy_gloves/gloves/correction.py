@@ -253,6 +253,9 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, Any]:
 def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
     """Refuse an adapter whose actions or observations are not the agent's; the environment may give it more vectors.
 
+    Actions are compared by size and, where both say what their entries are, by name: of seven numbers, joints and an
+    end effector's pose are equally many.
+
     Raises:
         ValueError: Naming what differs.
     """
@@ -262,3 +265,16 @@ def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
     check_features("the adapter", needed, "the agent", given, advice=advice)
     if agent.output_features:  # else only its actions will tell
         check_features("the adapter", adapter.output_features or {}, "the agent", agent.output_features)
+    ours, theirs = (_action_names(one) for one in (agent.agent_config, adapter))
+    if ours and theirs and ours != theirs:
+        raise ValueError(
+            f"the adapter's actions are {', '.join(theirs)}, but the agent's are {', '.join(ours)}: take an adapter of "
+            """these, or, if they mean the same, --policy.adapter_overrides='["--action_feature_names=null"]'"""
+        )
+
+
+def _action_names(config: PreTrainedConfig) -> list[str] | None:
+    """What the entries of a policy's actions are, if it knows."""
+    names = list(getattr(config, "action_feature_names", None) or [])
+    feature = config.action_feature
+    return names if feature is not None and len(names) == feature.shape[0] else None

@@ -1,6 +1,7 @@
 """The wrapper: it asks the agent, corrects what the agent proposes, and is a LeRobot policy itself."""
 
 import copy
+import logging
 import shutil
 import weakref
 from collections import deque
@@ -26,6 +27,8 @@ from .journal import Journal
 from .plan import Plan
 from .proposals import ChunkTap, Proposal
 from .realtime import LeftOver
+
+logger = logging.getLogger(__name__)
 
 NOTHING = Plan(torch.empty(0, 0, 0), executed=0, step=0)
 """The plan before an episode's first."""
@@ -61,6 +64,9 @@ class GlovesPolicy(PreTrainedPolicy):
             raise ValueError(
                 "gloves wraps an agent: name it by --policy.path=AGENT --policy.wrap=gloves, or by --policy.agent=AGENT"
             )
+        if config.adapter is None:
+            told = "gloves: no adapter (--policy.adapter, a trained checkpoint), so nothing is corrected: %s acts alone"
+            logger.warning(told, config.agent)
         # Neither agent nor adapter is a submodule: their weights are not the wrapper's to save.
         self._agent = load_policy(config.agent_config, config.device)
         self._tap = ChunkTap(self._agent.policy)
