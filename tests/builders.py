@@ -128,7 +128,9 @@ def statistics(feature_shapes: dict[str, PolicyFeature]) -> dict[str, dict[str, 
         scale = 0.004 if feature.type is FeatureType.ACTION else 0.5
         mean = scale * rng.normal(size=shape)
         std = scale * rng.uniform(0.5, 1.5, size=shape)
-        result[key] = {"mean": mean, "std": std, "min": mean - 2 * std, "max": mean + 2 * std}
+        # Nothing that a policy of random weights does with an action shall be too far for its data.
+        width = std * (20 if feature.type is FeatureType.ACTION else 2)
+        result[key] = {"mean": mean, "std": std, "min": mean - width, "max": mean + width}
     return {key: {name: value.astype(np.float32) for name, value in s.items()} for key, s in result.items()}
 
 

@@ -29,11 +29,13 @@ class WrappedAgent:
         policy: Any policy; usually the wrapper around the agent.
         prepare: From observations under LeRobot's keys to the policy's input.
         finish: From the policy's actions (B, A) to the environment's.
+        direct: Whether the two are the same, wherever they lie.
     """
 
     policy: PreTrainedPolicy
     prepare: Callable[[dict[str, Any]], dict[str, Any]]
     finish: Callable[[Tensor], Tensor]
+    direct: bool = True
 
     @property
     def autocast(self) -> torch.autocast:
@@ -87,6 +89,7 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
         policy,
         lambda seen: before(env_before(seen)),
         lambda action: env_behind({ACTION: behind(action)})[ACTION],
+        direct=not env_behind.steps,
     )
 
 

@@ -23,13 +23,16 @@ def rollout(
     Args:
         env: B environments.
         agent: Any policy. The wrapper, known by its attributes `running` and `correction`, is told which episodes
-            still run, and its chunks are counted.
+            still run and between what actions must lie, and its chunks are counted.
         seeds: B seeds of the environments.
         watch: Called once a step, when the policy has acted and before the environments do, with their observations
             and with which episodes still run, bool (B,).
     """
     policy = agent.policy
     policy.reset()
+    space = env.single_action_space
+    if agent.direct and isinstance(space, gym.spaces.Box) and hasattr(policy, "bound_actions"):
+        policy.bound_actions(torch.from_numpy(space.low), torch.from_numpy(space.high))
     observation, _ = env.reset(seed=list(seeds), options={NEW_ROLLOUT_OPTION: True})
     episodes = [Episode(seed) for seed in seeds]
     running = np.ones(env.num_envs, dtype=bool)

@@ -9,12 +9,13 @@ The comments above their fields are what LeRobot's `--help` shows; it cannot rea
 
 from lerobot_gloves.faults.agents import FAULTS, RandomisedAgents
 from lerobot_gloves.faults.direction import Held, Rotated
-from lerobot_gloves.faults.fault import Fault, Range, Units
+from lerobot_gloves.faults.fault import CONSTANT, Fault, Range, Units
 from lerobot_gloves.faults.noise import Drift, Noise
 from lerobot_gloves.faults.size import Chatter, DeadZone, Offset, Quantised, Scale
 from lerobot_gloves.faults.timing import Delay, Dropped, Replay
 
 __all__ = [
+    "CONSTANT",
     "FAULTS",
     "Chatter",
     "DeadZone",

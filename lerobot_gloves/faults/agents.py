@@ -61,7 +61,7 @@ class RandomisedAgents:
         for name, has in zip(self._ordered, self.draw(len(history), history, generator).T, strict=True):
             if has.any():
                 faulty = FAULTS[name]()(history[has], units, generator)
-                history = history.index_put((has,), faulty)
+                history = history.index_put((has,), torch.where(units.varies, faulty, history[has]))
         return history
 
     def draw(self, agents: int, like: Tensor, generator: torch.Generator | None = None) -> Tensor:

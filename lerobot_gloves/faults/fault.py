@@ -13,13 +13,18 @@ type Range = tuple[float, float]
 """Between what a strength is drawn."""
 
 
+CONSTANT = 1e-6
+"""Up to this, a spread is rounding."""
+
+
 @dataclass(frozen=True)
 class Units:
     """Where the robot's own units lie among normalised actions.
 
     Attributes:
         zero: The normalised raw action 0, standing still, (A,).
-        spread: The data's standard deviations, which a normalised 1 is in the robot's units, (A,).
+        spread: The data's standard deviations, which a normalised 1 is in the robot's units, (A,). An entry of
+            `CONSTANT` or less never changes: no fault does anything to it, and it is no measure for the others.
     """
 
     zero: Tensor
@@ -30,7 +35,12 @@ class Units:
 
         The entry of middling spread keeps it.
         """
-        return self.spread.median() / self.spread
+        return self.spread[self.varies].median() / self.spread if self.varies.any() else torch.ones_like(self.spread)
+
+    @property
+    def varies(self) -> Tensor:
+        """Which entries change in the data, bool (A,)."""
+        return self.spread > CONSTANT
 
     def raw(self, actions: Tensor) -> Tensor:
         """Normalised actions (..., A) in the robot's units."""

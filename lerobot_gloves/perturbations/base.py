@@ -14,8 +14,9 @@ from lerobot_gloves.generators import spawn
 class Perturbation(ABC):
     """Something done to every chunk that an agent emits: a dataclass of numbers.
 
-    The chunks of an episode are what the agent executes, one after the other and each of them whole, so that the first
-    action of a chunk comes a step after the last one of the chunk before.
+    The chunks of an episode are what the agent proposes, one after the other. What a perturbation has that goes on in
+    time, such as a drift, goes on from the last action of the chunk before that was executed: by default all of it was,
+    and a chunk's first action comes a step after the last one of the chunk before.
 
     Example:
         >>> perturbation = Noised(sigma=0.005)
@@ -36,11 +37,24 @@ class Perturbation(ABC):
         """
         stream = type(self).__name__ + (f" {self._which}" if self._which > 1 else "")
         self._spawned = spawn(seed, batch_size, first_episode=first_episode, stream=stream)
-        self._memory: Tensor | None = None  # what the next chunk needs to know, (B, ...); None at the beginning
+        # What is left after 0, 1, ... actions of the last chunk, (B, ...) each; None at the beginning.
+        self._states: list[Tensor | None] = [None]
 
     @abstractmethod
-    def __call__(self, chunk: Tensor) -> Tensor:
-        """Perturb chunks (B, T, A) in raw units; returns a new tensor of that shape."""
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
+        """Perturb chunks.
+
+        Args:
+            chunk: What is proposed, (B, T, A) in raw units.
+            ran: How many actions of the last chunk were executed before this one begins; None for all of them.
+
+        Returns:
+            A new tensor of that shape.
+        """
+
+    def _state(self, ran: int | None) -> Tensor | None:
+        """What the actions that ran have left, None at the beginning of an episode."""
+        return self._states[-1 if ran is None else min(ran, len(self._states) - 1)]
 
     def _generators(self, chunk: Tensor) -> list[torch.Generator]:
         """The generators, one per chunk.

@@ -41,9 +41,9 @@ class Compound(Perturbation):
         for part in self._parts:
             part.reset(batch_size, seed, first_episode)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         for part in self._parts:
-            chunk = part(chunk)
+            chunk = part(chunk, ran)
         return chunk
 
 

@@ -27,7 +27,7 @@ class Shift(Perturbation):
         check_finite("Shift", "alpha", self.alpha)
         check_probability("Shift", "p", self.p)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         check_dimension("Shift", "dim", self.dim, chunk)
         offset = torch.zeros(chunk.shape[-1], dtype=chunk.dtype, device=chunk.device)
         offset[self.dim] = self.alpha
@@ -53,7 +53,7 @@ class Rotated(Perturbation):
             raise ValueError(f"Rotated: first and second are both {self.first}, but must be two dimensions")
         check_finite("Rotated", "degrees", self.degrees)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         for name in ("first", "second"):
             check_dimension("Rotated", name, getattr(self, name), chunk)
         cosine, sine = math.cos(math.radians(self.degrees)), math.sin(math.radians(self.degrees))
@@ -82,16 +82,17 @@ class Chatter(Perturbation):
         if self.steps < 1:
             raise ValueError(f"Chatter: steps is {self.steps}, but must be at least 1")
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         dim = self.dim if self.dim >= 0 else chunk.shape[-1] - 1
         check_dimension("Chatter", "dim", dim, chunk)
         begins = rand(chunk.shape[:2], self._generators(chunk), like=chunk) < self.p
-        left = torch.zeros_like(begins[:, 0], dtype=torch.long) if self._memory is None else self._memory
-        signs = []
+        before = self._state(ran)
+        left = torch.zeros_like(begins[:, 0], dtype=torch.long) if before is None else before
+        self._states, signs = [left], []
         for begin in begins.unbind(dim=1):
             left = torch.where(begin, self.steps, (left - 1).clamp(min=0))
+            self._states.append(left)
             signs.append(torch.where(left > 0, -1.0, 1.0))
-        self._memory = left
         flipped = chunk.clone()
         flipped[..., dim] *= torch.stack(signs, dim=1).to(chunk.dtype)
         return flipped

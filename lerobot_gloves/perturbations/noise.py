@@ -20,7 +20,7 @@ class Noised(Perturbation):
     def __post_init__(self) -> None:
         check_not_negative("Noised", "sigma", self.sigma)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         return chunk + self.sigma * randn(chunk.shape, self._generators(chunk), like=chunk)
 
 
@@ -42,12 +42,13 @@ class Smooth(Perturbation):
         check_not_negative("Smooth", "sigma", self.sigma)
         check_positive("Smooth", "tau", self.tau)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         white = randn(chunk.shape, self._generators(chunk), like=chunk)
         rho = math.exp(-1.0 / self.tau)
-        noise, noises = self._memory, []
+        noise, noises = self._state(ran), []
+        before = noise
         for drawn in white.unbind(dim=1):
             noise = drawn if noise is None else rho * noise + math.sqrt(1.0 - rho**2) * drawn
             noises.append(noise)
-        self._memory = noise
+        self._states = [before, *noises]
         return chunk + self.sigma * torch.stack(noises, dim=1)

@@ -27,7 +27,7 @@ class Slow(Perturbation):
         check_finite("Slow", "alpha", self.alpha)
         check_probability("Slow", "p", self.p)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         return torch.where(self._happens(self.p, chunk), self.alpha * chunk, chunk)
 
 
@@ -41,7 +41,7 @@ class Deadzone(Perturbation):
     def __post_init__(self) -> None:
         check_not_negative("Deadzone", "threshold", self.threshold)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         return torch.where(chunk.abs() < self.threshold, torch.zeros_like(chunk), chunk)
 
 
@@ -55,5 +55,5 @@ class Quantised(Perturbation):
     def __post_init__(self) -> None:
         check_positive("Quantised", "step", self.step)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         return torch.round(chunk / self.step) * self.step

@@ -19,10 +19,15 @@ class Laggy(Perturbation):
     def __post_init__(self) -> None:
         check_probability("Laggy", "p", self.p)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
-        repeats = self._happens(self.p, chunk)
-        self._memory = chunk.clone() if self._memory is None else torch.where(repeats, self._memory, chunk)
-        return self._memory.clone()
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
+        repeats, (last,) = self._happens(self.p, chunk), self._states
+        if last is not None:
+            length = chunk.shape[1]
+            # A chunk that is shorter than this one holds its last action until this one's end.
+            last = torch.cat([last, last[:, -1:].expand(-1, max(0, length - last.shape[1]), -1)], dim=1)[:, :length]
+        emitted = chunk.clone() if last is None else torch.where(repeats, last, chunk)
+        self._states = [emitted]
+        return emitted.clone()
 
 
 @dataclass
@@ -40,11 +45,12 @@ class Delayed(Perturbation):
         if self.steps < 0:
             raise ValueError(f"Delayed: steps is {self.steps}, but must not be negative")
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         self._generators(chunk)  # draws nothing, but what is due belongs to the environments that it was reset for
-        due = chunk[:, :1].expand(-1, self.steps, -1) if self._memory is None else self._memory
+        before = self._state(ran)
+        due = chunk[:, :1].expand(-1, self.steps, -1) if before is None else before
         actions = torch.cat([due, chunk], dim=1)
-        self._memory = actions[:, chunk.shape[1] :]
+        self._states = [actions[:, i : i + self.steps] for i in range(chunk.shape[1] + 1)]
         return actions[:, : chunk.shape[1]].clone()
 
 
@@ -62,11 +68,12 @@ class Dropped(Perturbation):
         check_probability("Dropped", "p", self.p)
         check_probability("Dropped", "hold", self.hold)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
         lost = rand((*chunk.shape[:2], 1), self._generators(chunk), like=chunk) < self.p
-        last, executed = self._memory, []
+        last, executed = self._state(ran), []
+        before = last
         for drop, action in zip(lost.unbind(dim=1), chunk.unbind(dim=1), strict=True):
-            last = action if last is None else torch.where(drop, self.hold * last, action)
+            last = action.clone() if last is None else torch.where(drop, self.hold * last, action)
             executed.append(last)
-        self._memory = executed[-1].clone()
+        self._states = [before, *executed]
         return torch.stack(executed, dim=1)

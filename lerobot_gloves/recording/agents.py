@@ -84,8 +84,8 @@ class Listener(Perturbation):
         if self._perturbation is not None:
             self._perturbation.reset(batch_size, seed, first_episode)
 
-    def __call__(self, chunk: Tensor) -> Tensor:
-        chunk = chunk if self._perturbation is None else self._perturbation(chunk)
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
+        chunk = chunk if self._perturbation is None else self._perturbation(chunk, ran)
         self.proposal = chunk.clone()
         return chunk
 
@@ -149,6 +149,7 @@ def play(env_config: EnvConfig, agent: Agent, env: gym.vector.SyncVectorEnv, see
         proposal, listener.proposal = listener.proposal, None
         if proposal is None:
             return
+        proposal = proposal[:, : getattr(wrapped.policy, "executed", None)]  # a dataset holds what an agent may do
         seen = {**columns(env_config, observation), ACTION: proposal.cpu().numpy()}
         if modes is not None:
             seen[MODE] = np.array([[modes.index(task)] for task in task_strings(env)], dtype=np.int64)

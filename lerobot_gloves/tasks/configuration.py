@@ -19,6 +19,10 @@ OBS_GOAL = "observation.goal"
 _KEYS = {"agent_pos": OBS_STATE, "environment_state": OBS_ENV_STATE, "goal": OBS_GOAL}
 
 
+class ClippedAction(PolicyFeature):
+    """An action that the environment itself clips to what it takes, so that it may be any number."""
+
+
 @dataclass
 class TaskConfig(EnvConfig):
     """Options of every task; those of its own come with its subclass.
@@ -64,7 +68,7 @@ class TaskConfig(EnvConfig):
             if getattr(self, option) < 1:
                 raise ValueError(f"{option} is {getattr(self, option)}, but must be at least 1")
         seen = ["agent_pos", "goal", *(["environment_state"] if self.obs_type == "state" else [])]
-        self.features = {ACTION: PolicyFeature(FeatureType.ACTION, (len(self.feature_names[ACTION]),))}
+        self.features = {ACTION: ClippedAction(FeatureType.ACTION, (len(self.feature_names[ACTION]),))}
         for key in seen:
             kind = FeatureType.ENV if key == "environment_state" else FeatureType.STATE
             self.features[key] = PolicyFeature(kind, (len(self.feature_names[_KEYS[key]]),))

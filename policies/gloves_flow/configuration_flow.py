@@ -78,6 +78,9 @@ class FlowConfig(PreTrainedConfig):
     # Largest gradient norm.
     optimizer_grad_clip_norm: float = 1.0
 
+    # What each entry of an action is; LeRobot fills it in from the dataset. null: nobody knows.
+    action_feature_names: list[str] | None = None
+
     exclude_features: list[str] = field(default_factory=list)  # Observations that the flow is not conditioned on.
 
     def __post_init__(self) -> None:

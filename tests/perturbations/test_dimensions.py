@@ -72,3 +72,13 @@ def test_the_last_dimension_is_the_default():
     (chunk,) = wide(2)
     (out,) = emitted(Chatter(p=1.0), [chunk])
     assert torch.equal(out, chunk * torch.tensor([1.0, 1.0, 1.0, -1.0]))
+
+
+def test_a_flip_goes_on_from_the_actions_that_ran():
+    """A flip of 6 steps that begins with the first action is over 3 steps after the third."""
+    perturbation, (chunk,) = Chatter(dim=0, p=1.0, steps=6), [torch.ones(1, 10, 1)]
+    perturbation.reset(1, seed=0)
+    perturbation(chunk[:, :1])
+    perturbation.p = 0.0
+    assert perturbation(chunk).flatten().tolist() == [-1.0] * 5 + [1.0] * 5
+    assert perturbation(chunk, ran=2).flatten().tolist() == [-1.0] * 3 + [1.0] * 7

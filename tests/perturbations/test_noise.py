@@ -46,3 +46,15 @@ def test_a_new_episode_does_not_go_on_from_the_last():
     perturbation, given = Smooth(sigma=1.0, tau=1e6), [torch.zeros(EPISODES, 10, 2)]
     (before,), (after,) = (emitted(perturbation, given, first_episode=first) for first in (0, EPISODES))
     assert abs(torch.corrcoef(torch.stack([before[:, -1, 0], after[:, 0, 0]]))[0, 1]) < 4 / math.sqrt(EPISODES)
+
+
+def test_a_drift_goes_on_from_the_actions_that_ran():
+    """All that is executed is one AR(1) process: correlation rho over the borders of chunks that were cut off, too."""
+    rho, ran = math.exp(-1 / 5), 4
+    perturbation = Smooth(sigma=1.0, tau=5.0)
+    perturbation.reset(4000, seed=0)
+    zeros = torch.zeros(4000, 10, 1)
+    noise = torch.cat([perturbation(zeros, ran if i else None)[:, :ran] for i in range(3)], dim=1)[..., 0]
+    for step in (ran - 1, ran, 2 * ran - 1):
+        found = torch.corrcoef(torch.stack([noise[:, step], noise[:, step + 1]]))[0, 1].item()
+        assert abs(found - rho) < 4 / math.sqrt(4000)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from lerobot_gloves.perturbations import Delayed, Dropped
+from lerobot_gloves.perturbations import Delayed, Dropped, Laggy
 from tests.perturbations.chunks import chunks, emitted, within
 
 
@@ -64,3 +64,30 @@ def test_an_action_of_the_last_episode_does_not_come_again():
     emitted(perturbation, [before])
     (out,) = emitted(perturbation, [after])
     assert torch.equal(out, after[:, :1].expand_as(after))
+
+
+@pytest.mark.parametrize("ran", [1, 3, 7])
+def test_a_delay_goes_on_from_the_actions_that_ran(ran):
+    """Of every chunk `ran` actions are executed; the rest was proposed in vain."""
+    given = chunks(3, 8, length=10)
+    perturbation = Delayed(steps=4)
+    perturbation.reset(3, seed=0)
+    out = [perturbation(chunk, ran if i else None)[:, :ran] for i, chunk in enumerate(given)]
+    whole = episode([chunk[:, :ran] for chunk in given])
+    expected = whole[:, np.maximum(np.arange(whole.shape[1]) - 4, 0)]
+    assert np.array_equal(episode(out), expected)
+
+
+def test_what_takes_the_place_of_a_lost_action_is_the_last_that_ran():
+    perturbation, (first, second) = Dropped(p=0.0), chunks(2, 2)
+    perturbation.reset(2, seed=0)
+    perturbation(first)
+    perturbation.p = 1.0
+    assert torch.equal(perturbation(second, ran=3), first[:, 2:3].expand(-1, 10, -1))
+
+
+def test_a_chunk_that_comes_again_fits_the_length_that_is_proposed_now():
+    given = [*chunks(1, 1, length=3), *chunks(1, 1, length=5), *chunks(1, 1, length=2)]
+    out = emitted(Laggy(p=1.0), given)
+    assert [one.shape[1] for one in out] == [3, 5, 2]
+    assert torch.equal(out[1], given[0][:, [0, 1, 2, 2, 2]]) and torch.equal(out[2], given[0][:, :2])

@@ -158,15 +158,6 @@ def test_short_chunks_are_padded_by_their_last_action_and_scored_by_their_length
         torch.testing.assert_close(correction.score, by_hand(gated, batch, proposal)[2])
 
 
-def test_a_chunk_that_the_agent_replaces_early_is_dropped(folder, adapter):
-    """ACT with temporal ensembling plans at every step; only the action of the step is its proposal."""
-    ensembled = save_policy(folder / "ensembled", "act_ensembled")
-    policy = wrap(ensembled, adapter=adapter, method="none")
-    spy = Spy(policy)
-    act(policy, observation(2), 4)
-    assert [(step, call.shape[1]) for step, _, call, _ in spy.calls] == [(0, 1), (1, 1), (2, 1), (3, 1)]
-
-
 def test_edits_belong_to_an_episode_whatever_batch_it_runs_in(agent, adapter):
     batch = {key: value[:1].expand(4, *value.shape[1:]) for key, value in observation(1).items()}
     together = act(wrap(agent, adapter=adapter), batch, 10)

@@ -4,11 +4,12 @@ import signal
 
 import pytest
 import torch
+from lerobot.policies.rtc import ActionQueue
 from lerobot.policies.rtc.configuration_rtc import RTCConfig
-from lerobot.rollout.inference.rtc import supports_rtc_inference
+from lerobot.rollout.inference.rtc import _normalize_prev_actions_length, supports_rtc_inference
 from lerobot.scripts.lerobot_rollout import rollout
 
-from lerobot_gloves.editors import FEEG, Reference
+from lerobot_policy_gloves.gloves.realtime import LeftOver
 from lerobot_policy_gloves.gloves_flow_policy.modeling_gloves_flow_policy import GlovesFlowPolicy
 from tests.builders import load, observation, save_policy, wrap
 from tests.policies.toyrobot import INPUTS, OUTPUTS, ToyRobot
@@ -71,8 +72,7 @@ def test_real_time_chunking_is_supported_where_the_agent_supports_it(checkpoints
     assert initialised == [policy.config.rtc_config]
 
 
-def test_a_chunk_is_corrected_whole_and_what_is_left_of_it_returns_to_the_agent(checkpoints, tmp_path):
-    """The agent's chunk has 9 actions, the adapter's 6: windows of 6 and 3."""
+def test_what_is_left_of_a_chunk_returns_to_the_agent(checkpoints, tmp_path):
     agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=9, n_action_steps=2)
     bare, (preprocess, postprocess) = load(agent)
     batch = observation(1)
@@ -84,26 +84,40 @@ def test_a_chunk_is_corrected_whole_and_what_is_left_of_it_returns_to_the_agent(
     chunk = policy.predict_action_chunk(batch, inference_delay=2, prev_chunk_left_over=None)
     assert asked == [{"inference_delay": 2}]
     torch.testing.assert_close(chunk, proposal, rtol=1e-4, atol=1e-8)
-    assert policy.statistics()["chunks"] == 2
     policy.predict_action_chunk(batch, inference_delay=1, prev_chunk_left_over=proposal[0, 4:])
     normalised = preprocess({**batch, "action": proposal})["action"]
     torch.testing.assert_close(asked[1].pop("prev_chunk_left_over"), normalised[0, 4:])
     assert asked[1] == {"inference_delay": 1}
 
 
-def test_a_chunk_is_edited_window_by_window(checkpoints, tmp_path):
-    agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=9)
-    adapter, (preprocess, postprocess) = load(checkpoints.adapter)
-    batch = observation(1)
-    proposal = wrap(agent).predict_action_chunk(batch)
-    edited = wrap(agent, adapter=checkpoints.adapter, method="feeg:steps=2").predict_action_chunk(batch)
-    assert edited.shape == proposal.shape == (1, 9, 2)
-    from lerobot_gloves.generators import spawn
+@pytest.mark.parametrize(("executed", "horizon"), [(6, 10), (2, 5), (9, 10), (10, 8)])
+def test_the_prefix_of_real_time_chunking_is_what_the_bare_agent_would_get(tmp_path, executed, horizon):
+    """LeRobot's own queue and padding, of what each policy returned: normalised actions, or the wrapper's raw ones."""
+    agent = save_policy(tmp_path / "agent", "gloves_flow_policy", chunk_size=10, n_action_steps=10)
+    bare, (preprocess, _) = load(agent)
+    policy, batch, asked = wrap(agent), observation(1), []
+    predict = policy._agent.policy.predict_action_chunk
+    policy._agent.policy.predict_action_chunk = lambda given, **options: asked.append(options) or predict(given)
 
-    generator, expected = spawn(0, 1, stream="editor"), []
-    for window in (proposal[:, :6], torch.cat([proposal[:, 6:], proposal[:, -1:].expand(-1, 3, -1)], dim=1)):
-        inputs = {key: value for key, value in batch.items() if key in adapter.config.input_features}
-        prepared = preprocess({**inputs, "action": window})
-        reference = Reference(adapter.velocity(prepared), generator=generator)
-        expected.append(postprocess(FEEG(steps=2)(prepared["action"], reference)))
-    torch.testing.assert_close(edited, torch.cat(expected, dim=1)[:, :9], rtol=1e-4, atol=1e-7)
+    def prefix(chunk: torch.Tensor) -> torch.Tensor:
+        queue = ActionQueue(RTCConfig(enabled=True, execution_horizon=horizon))
+        queue.merge(chunk[0].clone(), chunk[0].clone(), real_delay=0)
+        for _ in range(executed):
+            queue.get()
+        return _normalize_prev_actions_length(queue.get_left_over(), horizon)
+
+    expected = prefix(bare.predict_action_chunk(preprocess(dict(batch))))
+    policy.predict_action_chunk(
+        batch, inference_delay=1, prev_chunk_left_over=prefix(policy.predict_action_chunk(batch))
+    )
+    torch.testing.assert_close(asked[1]["prev_chunk_left_over"], expected, rtol=1e-4, atol=1e-6)
+    assert policy._step == executed
+
+
+def test_an_action_that_is_zero_is_no_padding():
+    """The robot is told to stop for two steps; of the chunk's six actions four are left, and two zeros fill up."""
+    chunk = torch.tensor([[1.0], [2.0], [3.0], [4.0], [0.0], [0.0]])
+    told = LeftOver.of(chunk, torch.tensor([[3.0], [4.0], [0.0], [0.0], [0.0], [0.0]]))
+    assert (told.actions.flatten().tolist(), told.padding, told.ran) == ([3.0, 4.0, 0.0, 0.0], 2, 2)
+    elsewhere = LeftOver.of(chunk, torch.tensor([[9.0], [0.0], [8.0], [0.0]]))
+    assert (elsewhere.actions.flatten().tolist(), elsewhere.padding, elsewhere.ran) == ([9.0, 0.0, 8.0], 1, None)

@@ -14,6 +14,7 @@ from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.loading import load_policy
+from lerobot_gloves.checkpoints.statistics import Constants, action_range
 from lerobot_gloves.specification import name_of, parse_all, parse_optional, specification
 
 from .configuration_gloves import GlovesConfig
@@ -67,6 +68,10 @@ class Correction:
 class Corrector:
     """Loads the adapter that a wrapper names and corrects proposals with it.
 
+    Attributes:
+        bounds: Between what the entries of an edited action lie, raw, (A,) each: by default the range of the data that
+            the adapter was trained on; None for any number.
+
     Args:
         config: The wrapper's settings.
         adapter: Folder or Hub id of the adapter, which they name.
@@ -89,6 +94,8 @@ class Corrector:
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
         self.editor, scores = choose(config, self.adapter)
+        self.bounds = action_range(self.loaded.preprocess)
+        self.constants = Constants(self.loaded.preprocess)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
@@ -155,7 +162,7 @@ class Corrector:
         # The task's text and the other observations are the agent's.
         told = {key: value for key, value in named.items() if key in self.inputs}
         proposals = torch.stack([*(pad(past, self.chunk_size) for past in history), chunk], dim=1)
-        batch = self.loaded.preprocess({**told, "action": proposals})
+        batch = self._normalised({**told, "action": proposals})
         *before, chunk = batch["action"].unbind(dim=1)
         past = {"history": torch.stack(before, dim=1) if before else None} if self.history else {}
         bound, test = self.adapter.bind(batch, **past), self.gate.test(length)
@@ -177,13 +184,33 @@ class Corrector:
                 length=length,
                 generator=[g for g, e in zip(generators, edited.tolist(), strict=True) if e],
             )
-            executed[edited] = self.loaded.postprocess(result)[:, :length].to(executed)
-            moved = (result - chunk[edited])[:, :length].norm(dim=-1).mean(dim=-1)
+            raw = self.loaded.postprocess(result)[:, :length].to(executed)
+            kept = self._bounded(raw)
+            if not torch.equal(kept, raw):
+                seen = {key: value[edited] for key, value in told.items()}
+                result = self._normalised({**seen, "action": kept})["action"]
+            moved = (result - chunk[edited])[:, :length]
+            if (constant := self.constants.action) is not None:
+                kept = torch.where(constant.to(kept.device), executed[edited], kept)
+                moved[..., constant] = 0
+            executed[edited] = kept
+            moved = moved.norm(dim=-1).mean(dim=-1)
             distance[edited] = moved.cpu()
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         score = None if scores is None else self.gate.summary(scores, length)
         return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
+
+    def _normalised(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        """What the adapter sees of raw observations and actions: no more of a constant than in its training."""
+        return self.loaded.preprocess(self.constants.hold(batch))
+
+    def _bounded(self, raw: Tensor) -> Tensor:
+        """Raw actions (..., A) between the bounds."""
+        if self.bounds is None:
+            return raw
+        low, high = (bound.to(raw) for bound in self.bounds)
+        return raw.clamp(low, high)
 
 
 def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, tuple[Any, ...]]:
@@ -211,6 +238,9 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, tuple[Any, ...]
 def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
     """Refuse an adapter whose actions or observations are not the agent's; the environment may give it more vectors.
 
+    Actions are compared by size and, where both say what their entries are, by name: of seven numbers, joints and an
+    end effector's pose are equally many.
+
     Raises:
         ValueError: Naming what differs.
     """
@@ -220,3 +250,16 @@ def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
     check_features("the adapter", needed, "the agent", given, advice=advice)
     if agent.output_features:  # else only its actions will tell
         check_features("the adapter", adapter.output_features or {}, "the agent", agent.output_features)
+    ours, theirs = (_action_names(one) for one in (agent.agent_config, adapter))
+    if ours and theirs and ours != theirs:
+        raise ValueError(
+            f"the adapter's actions are {', '.join(theirs)}, but the agent's are {', '.join(ours)}: take an adapter of "
+            """these, or, if they mean the same, --policy.adapter_overrides='["--action_feature_names=null"]'"""
+        )
+
+
+def _action_names(config: PreTrainedConfig) -> list[str] | None:
+    """What the entries of a policy's actions are, if it knows."""
+    names = list(getattr(config, "action_feature_names", None) or [])
+    feature = config.action_feature
+    return names if feature is not None and len(names) == feature.shape[0] else None

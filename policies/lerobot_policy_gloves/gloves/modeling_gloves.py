@@ -1,6 +1,7 @@
 """The wrapper: it asks the agent, corrects what the agent proposes, and is a LeRobot policy itself."""
 
 import copy
+import logging
 import shutil
 import weakref
 from collections import deque
@@ -8,18 +9,29 @@ from pathlib import Path
 from typing import Any, cast
 
 import torch
+import torch.nn.functional as F
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.generators import Episodes, spawn
 from lerobot_gloves.perturbations import Perturbation
+from lerobot_gloves.tasks.configuration import ClippedAction
 
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
+from .decoding import Decoder
 from .journal import Journal
-from .proposals import ChunkTap
+from .plan import Plan
+from .proposals import ChunkTap, Proposal
+from .realtime import LeftOver
+
+logger = logging.getLogger(__name__)
+
+NOTHING = Plan(torch.empty(0, 0, 0), executed=0, step=0)
+"""The plan before an episode's first."""
 
 
 class NonFiniteProposalError(ValueError):
@@ -31,7 +43,8 @@ class GlovesPolicy(PreTrainedPolicy):
 
     The agent is asked for an action at every step, so that its own queues and histories go on as without a wrapper. The
     chunk that it computes is its proposal; whenever an unedited action becomes due, the adapter takes the next ones, at
-    most its own chunk size, and corrects them under the observation of that moment. Actions in and out are raw.
+    most its own chunk size, and corrects them under the observation of that moment. It sees them as they are proposed,
+    also those that the agent will not execute. Actions in and out are raw.
 
     Attributes:
         perturbation: What makes the agent imperfect, None for nothing. Its draws are the wrapper's, so it is a copy of
@@ -51,12 +64,19 @@ class GlovesPolicy(PreTrainedPolicy):
             raise ValueError(
                 "gloves wraps an agent: name it by --policy.path=AGENT --policy.wrap=gloves, or by --policy.agent=AGENT"
             )
+        if config.adapter is None:
+            told = "gloves: no adapter (--policy.adapter, a trained checkpoint), so nothing is corrected: %s acts alone"
+            logger.warning(told, config.agent)
         # Neither agent nor adapter is a submodule: their weights are not the wrapper's to save.
         self._agent = load_policy(config.agent_config, config.device)
         self._tap = ChunkTap(self._agent.policy)
+        self._decode = Decoder(self._agent.postprocess)
         # The adapter's weights are drawn before they are loaded, but the agent's noise shall be as without an adapter.
         with torch.random.fork_rng(devices=[]):
             self._corrector = Corrector(config, config.adapter) if config.adapter else None
+        self._clipped = isinstance((config.output_features or {}).get(ACTION), ClippedAction)
+        if self._corrector is not None and self._clipped:
+            self._corrector.bounds = None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
         self._journal = Journal(config.log)
         self._episodes = Episodes()
@@ -87,6 +107,18 @@ class GlovesPolicy(PreTrainedPolicy):
         for pipeline in PASSTHROUGH.glob("*.json"):
             shutil.copy(pipeline, save_directory)
 
+    def bound_actions(self, low: Tensor, high: Tensor) -> None:
+        """Keep edited actions inside an environment's action space, told by a caller who knows it.
+
+        Unedited ones stay as they were proposed. Nobody needs to tell of an environment that clips actions itself.
+
+        Args:
+            low: The least value of each entry of a raw action, (A,).
+            high: The largest.
+        """
+        if self._corrector is not None and not self._clipped:
+            self._corrector.bounds = (low, high)
+
     def statistics(self) -> dict[str, float]:
         """Totals so far: chunks, intervention rate, distance, milliseconds and network evaluations a chunk."""
         return self._journal.summary()
@@ -101,7 +133,8 @@ class GlovesPolicy(PreTrainedPolicy):
         self.running: Tensor | None = None
         self._step = 0
         self._observed: Tensor | None = None
-        self._proposals: deque[Tensor] = deque()
+        self._plan = NOTHING
+        self._returned: Tensor | None = None
         self._history: deque[Tensor] = deque(maxlen=0 if self._corrector is None else self._corrector.history)
         self._action_queue: deque[Tensor] = deque()
 
@@ -119,32 +152,43 @@ class GlovesPolicy(PreTrainedPolicy):
         proposal = self._tap.proposal(action)
         if proposal is not None:
             self._propose(proposal)
-        elif not self._proposals and not self._action_queue:
-            self._propose(action[:, None])
+        elif self._plan.over and not self._action_queue:
+            self._propose(Proposal(action[:, None], 1))
         running = self._running(batch)
         if not self._action_queue:
-            self._action_queue.extend(self._correct(batch, running).unbind(dim=1))
+            window, due = self._plan.take(self._covered)
+            self._action_queue.extend(self._correct(batch, window, running)[:, :due].unbind(dim=1))
         self._step += 1
         return self._action_queue.popleft()
+
+    @property
+    def executed(self) -> int:
+        """How many actions of the agent's last proposal it executes, the first ones."""
+        return self._plan.executed
+
+    @property
+    def _covered(self) -> int | None:
+        """How many actions an observation covers; None for all, where nothing is corrected."""
+        return None if self._corrector is None else self._corrector.chunk_size
 
     def _begin(self, batch_size: int) -> None:
         """Seed the draws of new episodes."""
         if not self._episodes.begin(batch_size):
             return
+        self._plan = NOTHING
         first, seed = self._episodes.first, self.config.seed
         self._generators = spawn(seed, batch_size, first_episode=first, stream="editor")
         if self.perturbation is not None:
             self.perturbation.reset(batch_size, seed, first_episode=first)
 
-    def _propose(self, proposal: Tensor) -> None:
-        """Take a normalised proposal (B, n, A) of the agent; what was left of the last one is void."""
-        # Action by action, as without a wrapper: some policies' processors take nothing but (B, A).
-        raw = torch.stack([self._agent.postprocess(action) for action in proposal.clone().unbind(dim=1)], dim=1)
+    def _propose(self, proposal: Proposal) -> None:
+        """Take a proposal of the agent; what was left of the last one is void."""
+        raw = self._decode(proposal.actions)
         if self.perturbation is not None:
-            raw = self.perturbation(raw)
+            raw = self.perturbation(raw, self._step - self._plan.step)
         self._check_finite(raw, "the agent proposed")
         self._action_queue.clear()
-        self._proposals = deque(raw.unbind(dim=1))
+        self._plan = Plan(raw, proposal.executed, self._step)
 
     def _check_finite(self, chunk: Tensor, origin: str) -> None:
         finite = chunk.isfinite().flatten(1).all(dim=1)
@@ -154,14 +198,10 @@ class GlovesPolicy(PreTrainedPolicy):
                 f"{origin} a non-finite action in environment {row} at step {self._step}: {chunk[row].tolist()}"
             )
 
-    def _correct(self, observation: dict[str, Any], running: Tensor) -> Tensor:
-        """Correct the next proposed actions: raw (B, n, A)."""
+    def _correct(self, observation: dict[str, Any], window: Tensor, running: Tensor) -> Tensor:
+        """Correct proposed actions (B, n, A) that the observation covers: raw (B, n, A)."""
         if self._corrector is None:
-            window = torch.stack(list(self._proposals), dim=1)
-            self._proposals.clear()
             return window
-        count = min(self._corrector.chunk_size, len(self._proposals))
-        window = torch.stack([self._proposals.popleft() for _ in range(count)], dim=1)
         history = list(self._history)
         self._history.append(window)
         if self.running is not None and not self.running.any():
@@ -178,6 +218,7 @@ class GlovesPolicy(PreTrainedPolicy):
                 generators = [self._generators[row] for row in rows.nonzero()[:, 0].tolist()]
                 past = [before[rows] for before in history]
                 correction = self._corrector(some, window[rows], generators, past).spread(window, rows)
+        correction.action[correction.edited] = self._decode.snap(correction.action[correction.edited])
         self.correction = correction
         self._check_finite(correction.action, "the editor returned")
         self._journal.note(correction, self._episodes.first, self._step, running)
@@ -207,31 +248,40 @@ class GlovesPolicy(PreTrainedPolicy):
         prev_chunk_left_over: Tensor | None = None,
         **kwargs: Any,
     ) -> Tensor:
-        """A corrected raw chunk (B, n, A), for real-time chunking and other callers that queue by themselves.
+        """A raw chunk (B, n, A), for real-time chunking and other callers that queue by themselves.
+
+        What the observation covers, at most the adapter's chunk size, is corrected as `select_action` corrects it. What
+        lies further ahead passes as it was proposed: whoever executes it does so under observations that are to come.
 
         Args:
             batch: Raw observations.
             inference_delay: Steps that pass during inference, for an agent that supports real-time chunking.
-            prev_chunk_left_over: What is left of the last chunk, as returned from here, (n, A).
+            prev_chunk_left_over: What is left of the last chunk, as returned from here, (n, A), cut off or filled up by
+                zeros as LeRobot does. It also says how many actions were executed since; without it, all were.
             **kwargs: Passed on to the agent.
         """
-        prepared = dict(batch)
+        self._tap.clear()
+        self.correction = None
+        prepared, left, ran = dict(batch), None, None
         if prev_chunk_left_over is not None:
-            prepared["action"] = prev_chunk_left_over.to(self.config.device)[None]
+            left = LeftOver.of(self._returned, prev_chunk_left_over)
+            prepared["action"], ran = left.actions.to(self.config.device)[None], left.ran
         prepared = self._agent.preprocess(prepared)
-        if prev_chunk_left_over is not None:
-            kwargs["prev_chunk_left_over"] = prepared.pop("action").squeeze(0)
+        if left is not None:
+            # Behind what is left stand the zeros that the agent would be given without a wrapper.
+            kwargs["prev_chunk_left_over"] = F.pad(prepared.pop("action").squeeze(0), (0, 0, 0, left.padding))
         if inference_delay is not None:
             kwargs["inference_delay"] = inference_delay
         with torch.no_grad():
             chunk = self._agent.policy.predict_action_chunk(prepared, **kwargs)
             self._begin(chunk.shape[0])
-            self._propose(chunk)
-            corrected, running = [], self._running(batch)
-            while self._proposals:
-                corrected.append(self._correct(batch, running))
-                self._step += corrected[-1].shape[1]
-            return torch.cat(corrected, dim=1)
+            self._step = self._plan.step + (self._plan.executed if ran is None else ran)
+            self._propose(Proposal(self._tap.whole(chunk), chunk.shape[1]))
+            window, due = self._plan.take(self._covered)
+            corrected = self._correct(batch, window, self._running(batch))
+            returned = torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
+        self._returned = returned[0].clone()  # whoever asks with a prefix asks for one environment
+        return returned
 
     def supports_rtc(self) -> bool:
         return self._agent.policy.supports_rtc()

@@ -1,5 +1,8 @@
 """The agent's proposals, taken where it makes them, whatever it does with them afterwards."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 import torch
@@ -8,6 +11,21 @@ from torch import Tensor
 
 # `select_action` of SmolVLA and XVLA calls the private one.
 CHUNK_METHODS = ("_get_action_chunk", "predict_action_chunk")
+# Where Diffusion and the multi-task DiT draw a chunk, of which they return no more than they execute.
+SAMPLE_METHOD = "conditional_sample"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What an agent proposes.
+
+    Attributes:
+        actions: All that it proposes from now on, normalised, (B, n, A).
+        executed: How many of them it will execute before it plans again, the first ones.
+    """
+
+    actions: Tensor
+    executed: int
 
 
 class ChunkTap:
@@ -15,43 +33,40 @@ class ChunkTap:
 
     An agent with an observation history or a replanning schedule must be asked for an action at every step. It keeps
     its queues to itself; what it proposes is seen here, at the moment it computes a chunk.
-
-    Attributes:
-        chunk: The normalised chunk (B, n, A) computed since `clear`, None if there was none.
     """
 
     def __init__(self, policy: PreTrainedPolicy):
-        self.chunk: Tensor | None = None
-        base = policy.get_base_model() if hasattr(policy, "get_base_model") else policy
+        self._chunk: Tensor | None = None
+        self._sample: Tensor | None = None
+        base: Any = policy.get_base_model() if hasattr(policy, "get_base_model") else policy
         for name in CHUNK_METHODS:
             if hasattr(base, name):
-                base.__dict__[name] = self._listen(getattr(base, name))
-        config = base.config
-        self._executed = getattr(config, "n_action_steps", None)
+                _listen(base, name, self._hear_chunk)
+        for module in base.modules():
+            if hasattr(module, SAMPLE_METHOD):
+                _listen(module, SAMPLE_METHOD, self._hear_sample)
+        self._config = base.config
+        self._ensembler = getattr(base, "temporal_ensembler", None)
 
-    def _listen(self, method: Any) -> Any:
-        def predict(*args: Any, **kwargs: Any) -> Any:
-            chunk = method(*args, **kwargs)
-            self.chunk = chunk
-            return chunk
+    def _hear_chunk(self, chunk: Any) -> None:
+        self._chunk = chunk
 
-        return predict
+    def _hear_sample(self, sample: Any) -> None:
+        self._sample = sample
 
     def clear(self) -> None:
         """Forget the last chunk."""
-        self.chunk = None
+        self._chunk = self._sample = None
 
-    def proposal(self, action: Tensor) -> Tensor | None:
-        """The actions that the agent will execute until it plans again, normalised, (B, n, A).
+    def proposal(self, action: Tensor) -> Proposal | None:
+        """What the agent has planned at this step; None if it did not plan, or plans no chunks.
 
         Args:
             action: What the agent returned for this step, (B, A). An agent that blends chunks into one another
-                (ACT's temporal ensembling) returns something else than its chunk's first action.
-
-        Returns:
-            The proposal, or None if the agent did not plan at this step, or plans no chunks.
+                (ACT's temporal ensembling) returns something else than its chunk's first action: its proposal are the
+                blended ones.
         """
-        chunk = self.chunk
+        chunk = self._chunk
         if chunk is None or chunk.ndim != 3:
             return None
         batch_size = action.shape[0]
@@ -60,5 +75,31 @@ class ChunkTap:
             chunk = chunk.transpose(0, 1)
         if chunk.shape[0] != batch_size:
             return None
-        rest = chunk[:, 1 : self._executed]
-        return torch.cat([action[:, None], rest], dim=1)
+        # TDMPC may repeat the first action of its plan in the place of the next ones.
+        repeats = getattr(self._config, "n_action_repeats", 1)
+        executed = max(getattr(self._config, "n_action_steps", None) or chunk.shape[1], repeats)
+        rest = self.whole(chunk)[:, repeats:]
+        if self._ensembler is not None:
+            rest = self._ensembler.ensembled_actions
+        actions = torch.cat([action[:, None].expand(-1, repeats, -1), rest], dim=1)
+        return Proposal(actions, min(executed, actions.shape[1]))
+
+    def whole(self, chunk: Tensor) -> Tensor:
+        """A chunk (B, n, A) that the policy has just returned, with what it drew beyond its end, (B, m, A), m >= n."""
+        if self._sample is None:
+            return chunk
+        # A chunk's first actions are those of the observations that lie behind.
+        drawn = self._sample[:, self._config.n_obs_steps - 1 :]
+        return drawn if torch.equal(drawn[:, : chunk.shape[1]], chunk) else chunk
+
+
+def _listen(owner: Any, name: str, hear: Callable[[Any], None]) -> None:
+    method = getattr(owner, name)
+
+    @wraps(method)
+    def listened(*args: Any, **kwargs: Any) -> Any:
+        result = method(*args, **kwargs)
+        hear(result)
+        return result
+
+    owner.__dict__[name] = listened

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from gloves_flow.modeling_flow import FlowPolicy
 from lerobot_gloves.editors import EDITORS, Copilot
-from lerobot_gloves.faults import Units
+from lerobot_gloves.faults import CONSTANT, Units
 from lerobot_gloves.flow import interpolate, mean_per_chunk
 from lerobot_gloves.generators import rand, randn
 from lerobot_gloves.networks.copilot import CopilotNetwork, repeats, told
@@ -46,9 +46,11 @@ class GlovesCopilotPolicy(FlowPolicy):
         super().__init__(config, **kwargs)
         zero, spread = torch.zeros(config.action_feature.shape[0]), torch.ones(config.action_feature.shape[0])
         if dataset_meta is not None:
-            mean, deviation = (torch.as_tensor(dataset_meta.stats["action"][name]).float() for name in ("mean", "std"))
-            spread = deviation.clamp(1e-6)
-            zero = -mean / spread
+            known = {name: torch.as_tensor(value) for name, value in dataset_meta.stats["action"].items()}
+            # A constant's deviation may be its rounding.
+            deviation = torch.where(known["max"] > known["min"], known["std"], 0.0)
+            spread = deviation.float().clamp(CONSTANT)
+            zero = torch.where(spread > CONSTANT, -known["mean"].float() / spread, 0.0)
         self.register_buffer("zero", zero)
         self.register_buffer("spread", spread)
 
