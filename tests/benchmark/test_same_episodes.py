@@ -17,7 +17,7 @@ tasks:
   short:
     env: {{type: gloves_slalom, episode_length: 20}}
     agent: {agent}
-    perturbations: {{noised: "noised:sigma=0.005"}}
+    perturbations: {{noised: "noised:sigma=0.0035"}}
     methods:
       agent: {{editor: none}}
       DDPM: {{adapter: {diffusion}, editor: "ddpm:gamma=0.3"}}
@@ -35,7 +35,7 @@ METHODS = ("agent", "DDPM", "CSA", "FPAS", "FEEG", "FEEG+gate", "IFAE", "IFAE+ga
 def file(tmp_path: Path, agent: str, adapter: str, align_flow: str, diffusion: str, student: str) -> str:
     """A matrix with every kind of method."""
     calibrated = Path(shutil.copytree(align_flow, tmp_path / "calibrated"))
-    scores = {"reverse:steps=1": torch.linspace(0, 60, 200).expand(6, -1)}
+    scores = {"reverse:steps=1": torch.linspace(0, 30, 200).expand(6, -1)}
     path = tmp_path / "bench.yaml"
     source = "--agent_source={perturbation}"
     path.write_text(

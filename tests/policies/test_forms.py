@@ -68,8 +68,9 @@ def reference(checkpoints, tmp_path_factory):
     eval_main()
     patch.undo()
     lines = journal(folder / "log.jsonl")
-    assert {line["length"] for line in lines} == {3}  # n_action_steps reached the agent
+    # n_action_steps reached the agent: nine steps are three decisions, each of all that is proposed.
     assert [line["episode"] for line in lines] == [0, 1] * 3 + [2, 3] * 3
+    assert {line["length"] for line in lines} == {6}
     assert len({line["score"] for line in lines}) == len(lines)
     return lines
 
@@ -186,15 +187,16 @@ def test_a_saved_wrapper_finds_its_checkpoints_from_anywhere(checkpoints, tmp_pa
     assert json.loads((tmp_path / "wrapper" / "config.json").read_text())["pretrained_path"] is None
 
 
-def test_a_compound_is_saved_and_acts_as_before(checkpoints, tmp_path):
+def test_a_compound_is_saved_and_acts_as_before(tmp_path):
     told = Compound("noised:sigma=0.02+delayed:steps=3+noised:sigma=0.1")
-    policy = wrap(checkpoints.agent, perturbation=told, seed=4)
+    agent = save_policy(tmp_path / "agent", "gloves_flow_policy", n_action_steps=6)  # executes all that it proposes
+    policy = wrap(agent, perturbation=told, seed=4)
     policy.save_pretrained(tmp_path / "wrapper")
     saved = json.loads((tmp_path / "wrapper" / "config.json").read_text())
     assert saved["perturbation"] == {"type": "compound", "parts": told.parts}
     again, _ = load(tmp_path / "wrapper")
-    plain, batch = wrap(checkpoints.agent), observation(2)
-    played = [torch.stack([one.select_action(batch) for _ in range(20)], dim=1) for one in (policy, again, plain)]
+    plain, batch = wrap(agent), observation(2)
+    played = [torch.stack([one.select_action(batch) for _ in range(24)], dim=1) for one in (policy, again, plain)]
     told.reset(2, seed=4)
     expected = torch.cat([told(chunk) for chunk in played[2].split(policy.config.n_action_steps, dim=1)], dim=1)
     assert torch.equal(played[0], expected) and torch.equal(played[1], expected)

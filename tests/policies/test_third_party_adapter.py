@@ -11,7 +11,7 @@ import torch
 from lerobot.policies import make_policy_config
 from lerobot.scripts.lerobot_train import train
 
-from lerobot_gloves.adapter import Adapter, pad
+from lerobot_gloves.adapter import Adapter
 from lerobot_gloves.checkpoints.calibration import Calibration
 from lerobot_gloves.commands.calibrate import calibrate as calibrate_command
 from tests.builders import calibrate, features, load, observation, save_policy, wrap, write_dataset
@@ -82,8 +82,9 @@ def test_it_edits(checkpoints, adapter):
     assert policy.statistics()["evaluations"] == 1
 
 
-def test_one_that_asks_is_told_what_was_proposed_before(checkpoints, adapter, package, monkeypatch):
-    heard, bind, length = [], package.NudgePolicy.bind, 5
+def test_one_that_asks_is_told_what_was_proposed_before(tmp_path, adapter, package, monkeypatch):
+    heard, bind, length = [], package.NudgePolicy.bind, T
+    agent = save_policy(tmp_path / "agent", "act", chunk_size=T, n_action_steps=T)
 
     def told(self, observation, history):
         heard.append(history)
@@ -92,15 +93,13 @@ def test_one_that_asks_is_told_what_was_proposed_before(checkpoints, adapter, pa
     monkeypatch.setattr(package.NudgePolicy, "history", 2, raising=False)
     monkeypatch.setattr(package.NudgePolicy, "bind", told)
     batch = observation(3)
-    proposed = act(wrap(checkpoints.agent), batch, 4 * length).unflatten(1, (4, length))
-    policy = wrap(checkpoints.agent, adapter=adapter, method=NUDGE)
+    proposed = act(wrap(agent), batch, 4 * length).unflatten(1, (4, length))
+    policy = wrap(agent, adapter=adapter, method=NUDGE)
     act(policy, batch, 3 * length)
     policy.running = torch.tensor([True, False, True])
     act(policy, batch, length)
     _, (preprocess, _) = load(adapter)
-    normalised = preprocess({**observation(12), "action": pad(proposed.flatten(0, 1), T)})["action"].unflatten(
-        0, (3, 4)
-    )
+    normalised = preprocess({**observation(12), "action": proposed.flatten(0, 1)})["action"].unflatten(0, (3, 4))
     assert heard[0] is None, "nothing was proposed before"
     for decision, (rows, since) in enumerate([([0, 1, 2], 0), ([0, 1, 2], 0), ([0, 2], 1)], start=1):
         torch.testing.assert_close(heard[decision], normalised[rows, since:decision])

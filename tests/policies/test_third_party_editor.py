@@ -1,5 +1,6 @@
 """An editor and a score of another package: entered in the registries they are ours, and no file of ours knows them."""
 
+import dataclasses
 import importlib
 import json
 import re
@@ -21,8 +22,15 @@ from tests.builders import calibrate, load, observation, save_policy, wrap
 
 PAGE = Path(__file__).parents[2] / "docs" / "adapters.md"
 PACKAGE = "lerobot_policy_nearest"
-T, EXECUTED = 6, 5
-"""Chunk sizes of the adapter and of what the agent executes of its own."""
+T = 6
+"""Chunk size of the adapter, and of what the agent proposes and executes."""
+
+
+@pytest.fixture(scope="module")
+def checkpoints(checkpoints, tmp_path_factory):
+    """With an agent that executes all that it proposes."""
+    agent = save_policy(tmp_path_factory.mktemp("whole") / "agent", "act", chunk_size=T, n_action_steps=T)
+    return dataclasses.replace(checkpoints, agent=agent)
 
 
 @pytest.fixture
@@ -38,14 +46,13 @@ def package(tmp_path, monkeypatch):
 
 def act(policy, batch) -> torch.Tensor:
     with torch.inference_mode():
-        return torch.stack([policy.select_action(batch) for _ in range(EXECUTED)], dim=1)
+        return torch.stack([policy.select_action(batch) for _ in range(T)], dim=1)
 
 
 def by_hand(folder: Path, batch: dict, proposal: torch.Tensor, samples: int, steps: int) -> torch.Tensor:
     """The nearest of the expert's chunks, drawn one observation and one sample at a time."""
     adapter, (preprocess, postprocess) = load(folder)
-    padded = torch.cat([proposal, proposal[:, -1:]], dim=1)
-    prepared = preprocess({**{key: batch[key] for key in adapter.config.input_features}, "action": padded})
+    prepared = preprocess({**{key: batch[key] for key in adapter.config.input_features}, "action": proposal})
     nearest = []
     for row, chunk in enumerate(prepared["action"]):
         velocity = adapter.velocity({key: prepared[key][row : row + 1] for key in adapter.config.input_features})
@@ -55,9 +62,9 @@ def by_hand(folder: Path, batch: dict, proposal: torch.Tensor, samples: int, ste
             for k in range(steps):
                 with torch.no_grad():
                     x = x + velocity(x, torch.tensor([k / steps])) / steps
-            found.append((float((x[0] - chunk)[:EXECUTED].norm()), x))
+            found.append((float((x[0] - chunk).norm()), x))
         nearest.append(min(found, key=lambda pair: pair[0])[1])
-    return postprocess(torch.cat(nearest))[:, :EXECUTED]
+    return postprocess(torch.cat(nearest))
 
 
 def test_the_pages_editor_corrects_by_an_expert_flow(checkpoints, package):
@@ -134,7 +141,7 @@ def test_an_editor_is_given_what_there_is_and_the_agents_flow_only_if_it_asks(ch
     x, t = torch.randn(2, T, 2), torch.full((2,), 0.5)
     assert not torch.allclose(knowing.agent(x, t), knowing.expert(x, t), atol=1e-4)
     for reference in given:
-        assert reference.score == SCORES["reverse"]() and reference.length == EXECUTED
+        assert reference.score == SCORES["reverse"]() and reference.length == T
         assert len(reference.generator) == 2
         assert reference.expert(x, t).shape == x.shape
 
