@@ -5,6 +5,7 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
+from gloves_flow.inputs import FlowInputs
 from lerobot_gloves.recording.sources import agent_task
 from tests.builders import FLOW, calibrate, make_policy, observation, save_policy, wrap
 
@@ -83,3 +84,19 @@ def test_an_agents_actions_may_be_of_any_type(checkpoints, tmp_path, kind, dtype
     given, expected = correct(proposal), correct(proposal.float())
     assert given.action.dtype == dtype and given.edited.all()
     torch.testing.assert_close(given.action, expected.action.to(dtype))
+
+
+def test_an_adapter_that_makes_no_type_its_own_corrects_actions_of_double_precision(checkpoints, tmp_path, monkeypatch):
+    """One that was saved before its flow had a step for its inputs: the edit comes back in what the agent's have."""
+    adapter = calibrate(save_policy(tmp_path / "adapter", "gloves_expert_flow"))
+    policy = wrap(checkpoints.agent, adapter=adapter)
+    loaded = policy._corrector.loaded
+    older = [step for step in loaded.preprocess.steps if not isinstance(step, FlowInputs)]
+    assert len(older) == len(loaded.preprocess.steps) - 1
+    monkeypatch.setattr(loaded.preprocess, "steps", older)
+    proposal, generators = (
+        0.01 * torch.randn(2, T, 2).double(),
+        [torch.Generator().manual_seed(row) for row in range(2)],
+    )
+    given = policy._corrector(observation(2), proposal, generators)
+    assert given.action.dtype == torch.float64 and given.distance.dtype == torch.float32 and given.edited.all()

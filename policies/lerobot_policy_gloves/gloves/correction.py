@@ -195,7 +195,7 @@ class Corrector:
                 moved[..., constant] = 0
             executed[edited] = kept
             moved = moved.norm(dim=-1).mean(dim=-1)
-            distance[edited] = moved.cpu()
+            distance[edited] = moved.to(distance)
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         score = None if scores is None else self.gate.summary(scores, length)
