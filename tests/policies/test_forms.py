@@ -122,12 +122,13 @@ def test_without_wrap_an_agent_is_itself(checkpoints, parse_eval):
     assert (config.type, config.n_action_steps, config.pretrained_path) == ("gloves_flow_policy", 2, checkpoints.agent)
 
 
-def test_the_wrappers_options_are_its_own_and_the_others_the_agents(checkpoints, parse_eval):
+@pytest.mark.parametrize("overrides", ['["--seed=8"]', "[--seed=8]"])
+def test_the_wrappers_options_are_its_own_and_the_others_the_agents(checkpoints, parse_eval, overrides):
     config = parse_eval(
         f"--policy.path={checkpoints.agent}",
         "--policy.wrap=gloves",
         "--policy.seed=3",  # both have one
-        '--policy.agent_overrides=["--seed=8"]',
+        f"--policy.agent_overrides={overrides}",
         "--policy.num_inference_steps=7",
         "--policy.pretrained_revision=v1",
         "--policy.use_amp=false",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import draccus
+import yaml
 from draccus.utils import ParsingError
 from lerobot.configs import PreTrainedConfig
 
@@ -46,7 +47,7 @@ def install() -> None:
         revision = kwargs.get("revision") or _value(pinned)
         if revision:
             mine.append(f"--agent_revision={revision}")
-        mine.append(f"--agent_overrides={json.dumps(agents + json.loads(_value(shared) or '[]'))}")
+        mine.append(f"--agent_overrides={json.dumps(agents + (yaml.safe_load(_value(shared) or '') or []))}")
         try:
             with draccus.config_type("json"):
                 return draccus.parse(wrapper, args=mine)
