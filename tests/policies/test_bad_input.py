@@ -62,6 +62,11 @@ def test_an_unknown_wrapper_is_refused(checkpoints, parse_eval):
         ("--policy.method=feeg", r"--policy\.method and --policy\.gate need --policy\.adapter, a trained checkpoint"),
         ("--policy.adapter=", r"gloves: --policy\.adapter is empty"),
         ("--policy.seed=-1", "gloves: seed is -1, but must not be negative"),
+        (
+            "--policy.agent_overrides=[",
+            r"gloves: --policy\.agent_overrides=\[ is no list of options: write \[--name=value\]",
+        ),
+        ("--policy.agent_overrides=--seed=8", r"gloves: --policy\.agent_overrides=--seed=8 is no list of options"),
         ("--policy.adaptor=x", "unrecognized arguments: --adaptor=x: choose from .*--chunk_size.*own, --adapter, "),
     ],
 )

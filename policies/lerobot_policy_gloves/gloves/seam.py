@@ -47,7 +47,7 @@ def install() -> None:
         revision = kwargs.get("revision") or _value(pinned)
         if revision:
             mine.append(f"--agent_revision={revision}")
-        mine.append(f"--agent_overrides={json.dumps(agents + (yaml.safe_load(_value(shared) or '') or []))}")
+        mine.append(f"--agent_overrides={json.dumps(agents + _listed(_value(shared) or '[]'))}")
         try:
             with draccus.config_type("json"):
                 return draccus.parse(wrapper, args=mine)
@@ -66,6 +66,17 @@ def _value(option: list[str]) -> str | None:
     """Value of `--name=value` or `--name value`, the last one if there are several; None if there is none."""
     last = option[-1] if option else None
     return last.partition("=")[2] if last is not None and last.startswith("--") else last
+
+
+def _listed(told: str) -> list[str]:
+    """The agent's options that are told as one value; ends the program if it is no list of them."""
+    try:
+        options = yaml.safe_load(told)
+    except yaml.YAMLError:
+        options = None
+    if not isinstance(options, list):
+        sys.exit(f"gloves: --policy.agent_overrides={told} is no list of options: write [--name=value]")
+    return options
 
 
 def split_options(arguments: list[str], names: Collection[str]) -> tuple[list[str], list[str]]:
