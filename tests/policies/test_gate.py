@@ -52,6 +52,8 @@ def test_a_chunk_passes_if_both_scores_let_it_and_the_log_says_by_how_much(folde
     excess = torch.maximum(found[0] - middles[0], found[1] - middles[1])
     lines = [json.loads(line) for line in (folder / "both.jsonl").read_text().splitlines()]
     torch.testing.assert_close(torch.tensor([line["score"] for line in lines]), excess, rtol=1e-4, atol=1e-4)
+    each = torch.tensor([[line["scores"][name] for line in lines] for name in (REVERSE, RESIDUAL)])
+    torch.testing.assert_close(each, found, rtol=1e-4, atol=1e-4)
     # A single score's 1/40 is below 0.06 / 2, and above 0.04 / 2: that level lets all pass, and so is refused.
     with pytest.raises(ValueError, match=r"alpha is 0\.04, shared by 2 scores, but with 39 .* on at least 49 chunks"):
         wrap(agent, adapter=adapter, gate=True, alpha=0.04, score=BOTH)

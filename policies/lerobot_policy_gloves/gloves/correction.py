@@ -29,6 +29,7 @@ class Correction:
         action: What is to be executed, raw, (B, n, A).
         score: Nonconformity scores (B,), None if nobody asked for them or the adapter has none; of several scores, how
             far the worst lies above the largest value that passes.
+        each: Every score by its specification, (B,) each; none of them where `score` is None.
         p_value: Conformal p-values (B,), None without a gate.
         edited: Whether a proposal was edited, bool (B,).
         distance: Mean Euclidean distance (B,) of executed from proposed actions, in the adapter's normalised units.
@@ -38,6 +39,7 @@ class Correction:
 
     action: Tensor
     score: Tensor | None
+    each: dict[str, Tensor]
     p_value: Tensor | None
     edited: Tensor
     distance: Tensor
@@ -58,6 +60,7 @@ class Correction:
             self,
             action=action,
             score=None if self.score is None else spread(self.score, torch.nan),
+            each={name: spread(one, torch.nan) for name, one in self.each.items()},
             p_value=None if self.p_value is None else spread(self.p_value, torch.nan),
             edited=spread(self.edited, False),
             distance=spread(self.distance, 0.0),
@@ -199,7 +202,8 @@ class Corrector:
             evaluations[edited] += some.evaluations
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         score = None if scores is None else self.gate.summary(scores, length)
-        return Correction(executed, score, p_value, edited, distance, evaluations, milliseconds)
+        each = {} if scores is None else dict(zip(self.gate.names, scores, strict=True))
+        return Correction(executed, score, each, p_value, edited, distance, evaluations, milliseconds)
 
     def _normalised(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         """What the adapter sees of raw observations and actions: no more of a constant than in its training."""

@@ -19,6 +19,9 @@ from .configuration_gloves import GlovesConfig
 class Gate:
     """Scores proposals and tells which of them pass.
 
+    Attributes:
+        names: The specification of each score.
+
     Args:
         config: The wrapper's settings.
         adapter: What scores.
@@ -39,9 +42,9 @@ class Gate:
         needed: bool,
     ):
         self.scores = scores
-        self._names = [specification(score, adapter.scores) for score in scores]
+        self.names = [specification(score, adapter.scores) for score in scores]
         self._alpha, self._by_episode = config.alpha, config.alpha_of == "episodes"
-        known = calibration is not None and all(name in calibration.scores for name in self._names)
+        known = calibration is not None and all(name in calibration.scores for name in self.names)
         self._calibration = calibration if needed or known else None
         self._tests: dict[int, JointGate] = {}
         test = self.test(1)  # what is wrong shall not wait for the first chunk
@@ -50,10 +53,10 @@ class Gate:
 
     def test(self, length: int) -> JointGate | None:
         """The test of proposals of that many actions; None if nobody needs one and a score is uncalibrated."""
-        if self._calibration is None or not self._names:
+        if self._calibration is None or not self.names:
             return None
         if length not in self._tests:
-            tables = [self._calibration.of(name, length, by_episode=self._by_episode) for name in self._names]
+            tables = [self._calibration.of(name, length, by_episode=self._by_episode) for name in self.names]
             self._tests[length] = JointGate(tables, self._alpha)
         return self._tests[length]
 
@@ -78,7 +81,7 @@ class Gate:
 
     def _check(self, test: JointGate) -> None:
         unit, shares = "episodes" if self._by_episode else "chunks", len(test.gates)
-        for name, gate in zip(self._names, test.gates, strict=True):
+        for name, gate in zip(self.names, test.gates, strict=True):
             if gate.threshold < math.inf:
                 continue
             told = f"alpha is {self._alpha}" + (f", shared by {shares} scores" if shares > 1 else "")

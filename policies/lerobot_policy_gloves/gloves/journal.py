@@ -27,7 +27,14 @@ class Journal:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a", buffering=1)
 
-    def note(self, correction: Correction, first_episode: int, step: int, running: torch.Tensor) -> None:
+    def note(
+        self,
+        correction: Correction,
+        first_episode: int,
+        step: int,
+        running: torch.Tensor,
+        perturbed: torch.Tensor | None = None,
+    ) -> None:
         """Note a batch of chunks.
 
         Args:
@@ -36,6 +43,7 @@ class Journal:
             step: Step of the episode at which the chunks begin.
             running: Whether an environment's episode still runs, bool (B,). LeRobot goes on asking for actions until
                 the last episode of a batch ends; what happens after an episode's end does not count.
+            perturbed: Whether the proposals of the chunks were perturbed, bool (B,); None where nothing perturbs.
         """
         for row in running.nonzero().flatten().tolist():
             edited, distance = bool(correction.edited[row]), float(correction.distance[row])
@@ -58,6 +66,10 @@ class Journal:
                 "milliseconds": correction.milliseconds,
                 "evaluations": evaluations,
             }
+            if len(correction.each) > 1:
+                line["scores"] = {name: float(score[row]) for name, score in correction.each.items()}
+            if perturbed is not None:
+                line["perturbed"] = bool(perturbed[row])
             # JSON has no infinity; a number beyond all that can be held is read as one.
             self._file.write(json.dumps(line).replace("Infinity", "1e999") + "\n")
 

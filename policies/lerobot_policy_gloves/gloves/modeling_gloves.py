@@ -184,11 +184,13 @@ class GlovesPolicy(PreTrainedPolicy):
     def _propose(self, proposal: Proposal) -> None:
         """Take a proposal of the agent; what was left of the last one is void."""
         raw = self._decode(proposal.actions)
+        perturbed = None
         if self.perturbation is not None:
-            raw = self.perturbation(raw, self._step - self._plan.step)
+            healthy, raw = raw, self.perturbation(raw, self._step - self._plan.step)
+            perturbed = (raw != healthy).flatten(1).any(dim=1)
         self._check_finite(raw, "the agent proposed")
         self._action_queue.clear()
-        self._plan = Plan(raw, proposal.executed, self._step)
+        self._plan = Plan(raw, proposal.executed, self._step, perturbed)
 
     def _check_finite(self, chunk: Tensor, origin: str) -> None:
         finite = chunk.isfinite().flatten(1).all(dim=1)
@@ -221,7 +223,7 @@ class GlovesPolicy(PreTrainedPolicy):
         correction.action[correction.edited] = self._decode.snap(correction.action[correction.edited])
         self.correction = correction
         self._check_finite(correction.action, "the editor returned")
-        self._journal.note(correction, self._episodes.first, self._step, running)
+        self._journal.note(correction, self._episodes.first, self._step, running, self._plan.perturbed)
         return correction.action
 
     def _running(self, observation: dict[str, Any]) -> Tensor:

@@ -10,10 +10,11 @@ class Plan:
         actions: All that it proposed, raw, (B, n, A).
         executed: How many of them it executes, the first ones.
         step: Step of the episode at which it planned.
+        perturbed: Whether a perturbation changed it, bool (B,); None where there is none.
     """
 
-    def __init__(self, actions: Tensor, executed: int, step: int):
-        self.actions, self.executed, self.step = actions, executed, step
+    def __init__(self, actions: Tensor, executed: int, step: int, perturbed: Tensor | None = None):
+        self.actions, self.executed, self.step, self.perturbed = actions, executed, step, perturbed
         self._next = 0
 
     @property
