@@ -57,7 +57,7 @@ every-test: $(STAMP)
 test-fast: install  ## The tests without those marked slow
 	$(PYTEST) -m "not slow"
 
-demo: install  ## See an imperfect policy get better (TRAIN=1: train the pair from nothing first)
+demo: install  ## See an imperfect policy get better (TRAIN=1: train all three models from nothing first)
 	$(BIN)/gloves demo $(if $(filter-out 0,$(TRAIN)),--train=true)
 
 wheel:  ## Build wheel and sdist into dist/, and try the wheel in a bare environment

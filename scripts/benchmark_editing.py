@@ -36,7 +36,7 @@ from lerobot_policy_ddpm_assist.editor import DDPM
 
 CHUNK, ACTION, STATE, PROPOSALS = 10, 2, 16, 5
 DEMO = {"width": 64, "depth": 3, "context_dim": 96}
-"""The size of the demo's pair, and of the baselines beside it."""
+"""The size of the demo's models, and of the baselines beside it."""
 
 
 def seconds(run: Callable[[], object]) -> float:

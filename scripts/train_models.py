@@ -25,7 +25,7 @@ SCORES = ("reverse:steps=1", "reverse:steps=5")
 # A tenth of a second: what a policy errs by adds up until it looks again, and half a millimetre is too much.
 _SHORT = {"policy.chunk_size": 2, "policy.n_action_steps": 2}
 _PAIR = {"policy.width": 128, "policy.depth": 4, "policy.context_dim": 256, "policy.samples_per_item": 8}
-# The size of the demo's pair, which the benchmark corrects.
+# The size of the demo's models, which the benchmark corrects.
 _BASELINE = {
     "policy.width": 64,
     "policy.context_dim": 96,

@@ -14,11 +14,11 @@ from lerobot.configs import parser
 from lerobot.utils.import_utils import register_third_party_plugins
 
 from lerobot_gloves.commands.errors import one_line_errors
-from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED
+from lerobot_gloves.demo import AGENT, COPILOT, EXPERT_FLOW, PACKAGED, TRIO
 from lerobot_gloves.demo.evaluation import Comparison, PlayedRun, Run, evaluation, perturbation_options, read
 from lerobot_gloves.demo.illustrations import PICTURE, VIDEO, show
 from lerobot_gloves.demo.table import table
-from lerobot_gloves.demo.training import Training, train_pair
+from lerobot_gloves.demo.training import Training, train_trio
 from lerobot_gloves.editors import FEEG, FPAS
 from lerobot_gloves.evaluation.seeds import TEST
 from lerobot_gloves.scores import SCORES
@@ -58,13 +58,15 @@ class DemoConfig:
     agent: Path | None = None
     # Folder of another expert flow, calibrated.
     expert_flow: Path | None = None
+    # Folder of another copilot, calibrated.
+    copilot: Path | None = None
     # Where everything is written.
     output_dir: Path = Path("outputs/demo")
-    # Make agent and expert flow from nothing; run again, it goes on where it stopped.
+    # Make agent, expert flow and copilot from nothing; run again, it goes on where it stopped.
     train: bool = False
     # Demonstrations to train on.
     demonstrations: int = 400
-    # Optimiser steps of each of the two; by default what their configurations say.
+    # Optimiser steps of each of the three; by default what their configurations say.
     steps: int | None = None
 
     def __post_init__(self) -> None:
@@ -80,8 +82,8 @@ class DemoConfig:
                 raise ValueError(f"{name} is {value}, but must be at least 1")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}, but must not be negative")
-        if self.train and (self.agent or self.expert_flow):
-            raise ValueError("--train=true makes agent and expert flow: leave --agent and --expert_flow out")
+        if self.train and (self.agent or self.expert_flow or self.copilot):
+            raise ValueError("--train=true makes all three: leave --agent, --expert_flow and --copilot out")
 
 
 @parser.wrap()
@@ -91,15 +93,15 @@ def demo(cfg: DemoConfig) -> None:
     import_mujoco(TASK), arm_file(TASK)  # what is missing shall not show in a command's traceback
     if cfg.train:
         scores = tuple(dict.fromkeys([cfg.fpas_score, cfg.score]))
-        agent, expert_flow = train_pair(Training(cfg.output_dir, cfg.demonstrations, cfg.steps, scores), began=began)
-    else:
-        agent, expert_flow = cfg.agent or PACKAGED / AGENT, cfg.expert_flow or PACKAGED / EXPERT_FLOW
-    for option, folder in (("agent", agent), ("expert_flow", expert_flow)):
+        train_trio(Training(cfg.output_dir, cfg.demonstrations, cfg.steps, scores), began=began)
+    shipped = cfg.output_dir if cfg.train else PACKAGED
+    folders = {name: getattr(cfg, name) or shipped / name for name in TRIO}
+    for option, folder in folders.items():
         if not (folder / "config.json").is_file():
             raise FileNotFoundError(f"--{option}: {folder} holds no policy")
-    comparison = Comparison(agent, cfg.perturbation, cfg.episodes, cfg.seed, cfg.output_dir / "evaluations")
+    comparison = Comparison(folders[AGENT], cfg.perturbation, cfg.episodes, cfg.seed, cfg.output_dir / "evaluations")
     print(f"{headline(comparison)}: two runs of lerobot-eval side by side", flush=True)
-    played, shown = play(comparison, runs(cfg, expert_flow), cfg.output_dir, began)
+    played, shown = play(comparison, runs(cfg, folders[EXPERT_FLOW], folders[COPILOT]), cfg.output_dir, began)
     text = table(played)
     print(f"\n{text}\n", flush=True)
     note = shown.result()
@@ -142,7 +144,7 @@ def headline(comparison: Comparison) -> str:
     return f"Slalom, agent {comparison.perturbation}, the same {count} episodes each {seeds}"
 
 
-def runs(cfg: DemoConfig, expert_flow: Path) -> list[Run]:
+def runs(cfg: DemoConfig, expert_flow: Path, copilot: Path) -> list[Run]:
     """The rows of the table; the last one is the corrected agent of the picture and the video."""
     adapter = f"--policy.adapter={expert_flow}"
     fpas = [adapter, f"--policy.score={cfg.fpas_score}", f"--policy.method={cfg.fpas}"]
@@ -153,7 +155,8 @@ def runs(cfg: DemoConfig, expert_flow: Path) -> list[Run]:
         Run("raw", "raw agent", recorded=True),
         Run("fpas", "FPAS", fpas),
         Run("feeg", "FEEG", feeg),
-        Run("feeg_gate", "FEEG + gate", gated, recorded=True),
+        Run("feeg_gate", "FEEG + gate", gated),
+        Run("copilot", "copilot", [f"--policy.adapter={copilot}"], recorded=True),
     ]
 
 

@@ -19,7 +19,7 @@ from torch import Tensor
 from lerobot_gloves.system.files import whole
 
 WEIGHTS = "model.safetensors"
-AVERAGED = "ema."
+RAW, AVERAGED = "network.", "ema."
 PATHS = ("root", "output_dir", "pretrained_path", "checkpoint_path")
 """Options that name places of the machine that trained."""
 
@@ -42,15 +42,18 @@ def export(checkpoint: Path, folder: Path) -> None:
         raise FileExistsError(f"{folder} exists already")
     if not (checkpoint / WEIGHTS).is_file():
         raise FileNotFoundError(f"{checkpoint} holds no {WEIGHTS}: give a pretrained_model folder of lerobot-train")
-    averaged = {
-        key: _halve(value) for key, value in load_file(checkpoint / WEIGHTS).items() if key.startswith(AVERAGED)
+    # What is no weight, as the units of a copilot's actions, stays as exact as it is.
+    kept = {
+        key: _halve(value) if key.startswith(AVERAGED) else value
+        for key, value in load_file(checkpoint / WEIGHTS).items()
+        if not key.startswith(RAW)
     }
-    if not averaged:
+    if not any(key.startswith(AVERAGED) for key in kept):
         raise ValueError(f"{checkpoint / WEIGHTS} holds no averaged weights ({AVERAGED}*): is it a flow's checkpoint?")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with whole(folder) as part:
         part.mkdir()
-        save_file(averaged, part / WEIGHTS, metadata={"format": "pt"})
+        save_file(kept, part / WEIGHTS, metadata={"format": "pt"})
         for file in sorted(checkpoint.glob("*.json")):
             text = json.dumps(without_paths(json.loads(file.read_text())), indent=2)
             (part / file.name).write_text(text + "\n")
@@ -82,10 +85,11 @@ def describe(root: Path, folders: Sequence[str], commands: Sequence[str]) -> str
         name, digest = file.relative_to(root).as_posix(), hashlib.sha256(content).hexdigest()
         lines.append(f"| `{name}` | {len(content)} | `{digest}` |")
     made = "\n".join(commands)
-    return f"""# The demo's pair
+    return f"""# The demo's trio
 
-An agent (`gloves_flow_policy`) and an expert flow (`gloves_expert_flow`) for Slalom with state observations: the
-averaged weights in half precision, the expert flow calibrated. `gloves demo --train=true` makes them from nothing by
+An agent (`gloves_flow_policy`), an expert flow (`gloves_expert_flow`) and a copilot (`gloves_copilot`) for Slalom with
+state observations: the averaged weights in half precision, expert flow and copilot calibrated.
+`gloves demo --train=true` makes them from nothing by
 
 ```bash
 {made}

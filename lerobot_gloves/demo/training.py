@@ -1,4 +1,4 @@
-"""The demo's pair from nothing: what it is made by, and that one folder holds one pair."""
+"""The demo's trio from nothing: what it is made by, and that one folder holds one trio."""
 
 import json
 import shlex
@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lerobot_gloves.demo import AGENT, EXPERT_FLOW, PACKAGED, PAIR
+from lerobot_gloves.demo import COPILOT, EXPERT_FLOW, PACKAGED, TRIO
 from lerobot_gloves.demo.export import describe
 from lerobot_gloves.demo.pipeline import Calibrate, Dataset, Export, Record, Stage, Train, make
 from lerobot_gloves.system.files import whole
 from lerobot_gloves.system.processes import clock
+
+ADAPTERS = (EXPERT_FLOW, COPILOT)
 
 
 @dataclass(frozen=True)
@@ -19,7 +21,7 @@ class Training:
     """What to train, and where.
 
     Attributes:
-        root: Folder of all that is made; the pair ends up in its subfolders `agent` and `expert_flow`.
+        root: Folder of all that is made; the trio ends up in its subfolders `agent`, `expert_flow` and `copilot`.
         demonstrations: How many episodes of the scripted expert to train on.
         steps: Optimiser steps; None for what the configurations say.
         scores: The nonconformity scores to calibrate.
@@ -45,41 +47,38 @@ class Training:
         return Record("recording", env, self.dataset, options)
 
     def train(self, name: str) -> Train:
-        """The training run of the agent or the expert flow."""
+        """The training run of one of the three."""
         file, folder = self.configurations / f"{name}.yaml", self.root / "training" / name
         data = [f"--dataset.root={self.dataset.root}"]  # its name stands in the configuration
         return Train(name.replace("_", " "), file, data, folder, self.steps)
 
     def export(self, name: str) -> Export:
-        """The averaged weights of one of them, where the pair ends up."""
+        """The averaged weights of one of them, where the trio ends up."""
         return Export(f"export of {name.replace('_', ' ')}", self.train(name).checkpoint, self.root / name)
 
-    @property
-    def calibrate(self) -> Calibrate:
-        """The calibration of the expert flow that was exported."""
-        return Calibrate("calibration", self.root / EXPERT_FLOW, self.dataset, self.scores)
+    def calibrate(self, name: str) -> Calibrate:
+        """The calibration of one of the adapters that were exported."""
+        return Calibrate(f"calibration of {name.replace('_', ' ')}", self.root / name, self.dataset, self.scores)
 
     def recipe(self) -> list[str]:
         """The commands in order, as one would type them in a checkout's root."""
         configurations = Path("lerobot_gloves/demo")
         here = Training(Path("outputs/demo"), self.demonstrations, self.steps, self.scores, configurations)
-        trainings, exports = [here.train(name) for name in PAIR], [here.export(name) for name in PAIR]
-        return [shlex.join(stage.words) for stage in (here.record, *trainings, *exports, here.calibrate)]
+        trainings, exports = [here.train(name) for name in TRIO], [here.export(name) for name in TRIO]
+        calibrations = [here.calibrate(name) for name in ADAPTERS]
+        return [shlex.join(stage.words) for stage in (here.record, *trainings, *exports, *calibrations)]
 
 
-def train_pair(training: Training, *, began: float) -> tuple[Path, Path]:
-    """Make the pair, or what is left to do of it.
+def train_trio(training: Training, *, began: float) -> None:
+    """Make the trio, or what is left to do of it.
 
     Args:
         training: What to make.
         began: When the demo began (`time.monotonic`), for the elapsed time.
 
-    Returns:
-        Folders of the agent and of the expert flow.
-
     Raises:
         ChildProcessError: If a command fails.
-        ValueError: If the folder holds a pair, or part of one, that was made with other settings.
+        ValueError: If the folder holds a trio, or part of one, that was made with other settings.
     """
     root = training.root
     claim(training)
@@ -89,27 +88,28 @@ def train_pair(training: Training, *, began: float) -> tuple[Path, Path]:
         print(f"[{now}] training {number} of 4, {title}{': already done' if done else ''}", flush=True)
         make(parts, root / "logs", began=began)
 
-    exports = {name: training.export(name) for name in PAIR}
+    exports = {name: training.export(name) for name in TRIO}
     stage(1, f"{training.demonstrations} demonstrations", [training.record])
-    stage(2, "agent and expert flow", [training.train(name) for name in PAIR if not exports[name].done])
+    # The copilot first: it takes the longest, and the other two fit beside it.
+    trainings = [training.train(name) for name in reversed(TRIO) if not exports[name].done]
+    stage(2, "agent, expert flow and copilot", trainings)
     stage(3, "averaged weights in half precision", list(exports.values()))
-    stage(4, "calibration", [training.calibrate])
+    stage(4, "calibration", [training.calibrate(name) for name in ADAPTERS])
     with whole(root / "README.md") as part:
-        part.write_text(describe(root, PAIR, training.recipe()))
-    return root / AGENT, root / EXPERT_FLOW
+        part.write_text(describe(root, TRIO, training.recipe()))
 
 
 def claim(training: Training) -> None:
     """Note in the folder what is made there.
 
     Raises:
-        ValueError: If it is another pair's.
+        ValueError: If it is another trio's.
     """
     settings = {
         "demonstrations": training.demonstrations,
         "steps": training.steps,
         "scores": list(training.scores),
-        **{name: (training.configurations / f"{name}.yaml").read_text() for name in PAIR},
+        **{name: (training.configurations / f"{name}.yaml").read_text() for name in TRIO},
     }
     file = training.root / "training.json"
     if file.exists():
@@ -117,7 +117,7 @@ def claim(training: Training) -> None:
         different = ", ".join(key for key in settings if found.get(key) != settings[key])
         if different:
             raise ValueError(
-                f"{training.root} holds a pair that was made with another setting of {different}: "
+                f"{training.root} holds a trio that was made with another setting of {different}: "
                 "choose another --output_dir or delete that folder"
             )
     training.root.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from safetensors import safe_open
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.commands import demo as command
 from lerobot_gloves.commands.demo import DemoConfig, runs
-from lerobot_gloves.demo import EXPERT_FLOW, PACKAGED, PAIR, evaluation
+from lerobot_gloves.demo import COPILOT, EXPERT_FLOW, PACKAGED, TRIO, evaluation
 from lerobot_gloves.demo.evaluation import CHUNK_LOG
 from tests.builders import load, save_policy
 from tests.preloaded import server
@@ -19,34 +19,35 @@ def files(name: str) -> list[Path]:
     return sorted((PACKAGED / name).iterdir())
 
 
-@pytest.mark.parametrize("name", PAIR)
-def test_the_packaged_pair_is_small_whole_and_as_its_readme_says(name):
+@pytest.mark.parametrize("name", TRIO)
+def test_the_packaged_trio_is_small_whole_and_as_its_readme_says(name):
     weights = [file for file in files(name) if file.suffix == ".safetensors"]
     assert sum(file.stat().st_size for file in weights) <= 2_000_000
     listed = dict(re.findall(r"^\| `(.+?)` \| \d+ \| `([0-9a-f]{64})` \|$", (PACKAGED / "README.md").read_text(), re.M))
     here = {f"{name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files(name)}
     assert {path: digest for path, digest in listed.items() if path.startswith(f"{name}/")} == here
     with safe_open(PACKAGED / name / "model.safetensors", framework="pt") as tensors:
-        assert all(key.startswith("ema.") for key in tensors.keys())  # noqa: SIM118
+        assert not any(key.startswith("network.") for key in tensors.keys())  # noqa: SIM118
 
 
-@pytest.mark.parametrize("name", PAIR)
-def test_the_packaged_pair_names_no_place_of_a_machine(name):
+@pytest.mark.parametrize("name", TRIO)
+def test_the_packaged_trio_names_no_place_of_a_machine(name):
     for file in files(name):
         assert not re.search(rb"\"[^\"\n]*(/home/|/root/|/tmp/|/work/|/Users/)", file.read_bytes()), file.name
 
 
-def test_the_packaged_expert_flow_is_calibrated_for_the_demo():
-    adapter, _ = load(PACKAGED / EXPERT_FLOW)
-    calibration = Calibration.load(PACKAGED / EXPERT_FLOW)
+@pytest.mark.parametrize(("name", "score"), [(EXPERT_FLOW, DemoConfig().score), (COPILOT, "reverse:steps=1")])
+def test_the_packaged_adapters_are_calibrated_for_the_demo(name, score):
+    adapter, _ = load(PACKAGED / name)
+    calibration = Calibration.load(PACKAGED / name)
     calibration.check(weights_hash(adapter.state_dict()))
-    assert len(calibration.of(DemoConfig().score, adapter.config.chunk_size)) >= 19  # alpha = 0.05 can reject
+    assert len(calibration.of(score, adapter.config.chunk_size)) >= 19  # alpha = 0.05 can reject
 
 
 def test_the_rows_of_the_table():
     cfg = DemoConfig(fpas="fpas:iterations=2", feeg="feeg:start=0.2", gated_feeg="feeg:start=0.6", alpha=0.1)
-    raw, fpas, feeg, gated = runs(cfg, Path("flow"))
-    assert raw.options == ()
+    raw, fpas, feeg, gated, copilot = runs(cfg, Path("flow"), Path("pilot"))
+    assert raw.options == () and copilot.options == ["--policy.adapter=pilot"]
     assert "--policy.adapter=flow" in fpas.options and f"--policy.method={cfg.fpas}" in fpas.options
     gate = {"--policy.gate=true", "--policy.alpha=0.1"}
     assert set(gated.options) - set(feeg.options) == {*gate, "--policy.method=feeg:start=0.6"}
@@ -66,7 +67,7 @@ def test_the_rows_of_the_table():
         (["--agent=nowhere"], "--agent: nowhere holds no policy"),
         (
             ["--train=true", "--agent=x"],
-            "--train=true makes agent and expert flow: leave --agent and --expert_flow out",
+            "--train=true makes all three: leave --agent, --expert_flow and --copilot out",
         ),
     ],
 )
@@ -112,11 +113,11 @@ def test_from_nothing_to_the_table(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["gloves demo", *options])
     command.main()
     rows = [line for line in capfd.readouterr().out.splitlines() if line.startswith("| ")]
-    assert [row.split("|")[1].strip() for row in rows[2:]] == ["raw agent", "FPAS", "FEEG", "FEEG + gate"]
+    assert [row.split("|")[1].strip() for row in rows[2:]] == ["raw agent", "FPAS", "FEEG", "FEEG + gate", "copilot"]
     assert "\n".join(rows) in (tmp_path / "out" / "table.md").read_text()
     assert (tmp_path / "out" / "paths.png").exists()
-    for name in ("fpas", "feeg", "feeg_gate"):
+    for name in ("fpas", "feeg", "feeg_gate", "copilot"):
         assert (tmp_path / "out" / "evaluations" / name / CHUNK_LOG).exists()
-    for name in PAIR:
+    for name in TRIO:
         for file in (tmp_path / "out" / name).iterdir():
             assert str(tmp_path).encode() not in file.read_bytes(), file

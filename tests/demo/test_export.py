@@ -57,6 +57,14 @@ def test_the_exported_weights_are_halves_of_the_average_alone(checkpoint, tmp_pa
             assert torch.equal(value, original[key])
 
 
+def test_what_is_no_weight_stays_exact(tmp_path):
+    policy = make_policy("gloves_copilot")
+    policy.spread.copy_(torch.tensor([1 / 3, 1e-5]))
+    checkpoint = save_policy(tmp_path / "checkpoint", "gloves_copilot", policy=policy)
+    export(checkpoint, tmp_path / "small")
+    assert torch.equal(load(tmp_path / "small")[0].spread, torch.tensor([1 / 3, 1e-5]))
+
+
 def test_what_half_precision_cannot_hold_stays_whole(checkpoint, tmp_path):
     weights = load_file(checkpoint / "model.safetensors")
     key = next(key for key in weights if key.startswith("ema.module.") and weights[key].is_floating_point())

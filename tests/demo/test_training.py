@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from lerobot_gloves.demo import PACKAGED, PAIR, pipeline
+from lerobot_gloves.demo import PACKAGED, TRIO, pipeline
 from lerobot_gloves.demo.export import describe
-from lerobot_gloves.demo.training import Training, train_pair
+from lerobot_gloves.demo.training import Training, train_trio
 from tests.builders import save_policy
 
-EVERYTHING = ["recording", "agent", "expert flow", "calibration"]
+EVERYTHING = ["recording", "copilot", "expert flow", "agent", "calibration of expert flow", "calibration of copilot"]
 
 
 class KilledError(Exception):
@@ -18,7 +18,7 @@ class KilledError(Exception):
 
 @pytest.fixture
 def play(tmp_path, monkeypatch):
-    """Plays `train_pair` with commands that only leave the files that theirs would; returns those that ran."""
+    """Plays `train_trio` with commands that only leave the files that theirs would; returns those that ran."""
     monkeypatch.setattr(pipeline, "console_script", lambda name: name)
     what = Training(tmp_path / "out", demonstrations=48, steps=20)
 
@@ -26,8 +26,9 @@ def play(tmp_path, monkeypatch):
         if command.label == "recording":
             (what.dataset.root / "meta").mkdir(parents=True)
             (what.dataset.root / "meta" / "info.json").write_text("{}")
-        elif command.label == "calibration":
-            (what.root / "expert_flow" / "calibration.safetensors").write_bytes(b"scores")
+        elif command.label.startswith("calibration"):
+            name = command.label.removeprefix("calibration of ").replace(" ", "_")
+            (what.root / name / "calibration.safetensors").write_bytes(b"scores")
         else:
             name = command.label.replace(" ", "_")
             checkpoint(what, name, step=20)
@@ -44,7 +45,7 @@ def play(tmp_path, monkeypatch):
 
         monkeypatch.setattr(pipeline, "run", run)
         try:
-            train_pair(what, began=0.0)
+            train_trio(what, began=0.0)
         except KilledError:
             assert killed_in
         return ran
@@ -55,7 +56,7 @@ def play(tmp_path, monkeypatch):
 
 def checkpoint(what: Training, name: str, step: int) -> Path:
     """A checkpoint of a training run of 20 steps."""
-    kind = {"agent": "gloves_flow_policy", "expert_flow": "gloves_expert_flow"}[name]
+    kind = {"agent": "gloves_flow_policy"}.get(name, f"gloves_{name}")
     checkpoints = what.train(name).folder / "checkpoints"
     folder = save_policy(checkpoints / f"{step:06d}" / "pretrained_model", kind)
     (folder / "train_config.json").write_text(json.dumps({"steps": 20, "output_dir": "here"}))
@@ -75,24 +76,25 @@ def test_all_stages_in_order_and_none_of_them_twice(play):
     assert labels(play()) == EVERYTHING
     assert labels(play()) == []
     root = play.what.root
-    assert {"agent", "expert_flow", "README.md"} <= {file.name for file in root.iterdir()}
-    assert "expert_flow/calibration.safetensors" in (root / "README.md").read_text()
+    assert {*TRIO, "README.md"} <= {file.name for file in root.iterdir()}
+    readme = (root / "README.md").read_text()
+    assert all(f"{name}/calibration.safetensors" in readme for name in ("expert_flow", "copilot"))
 
 
 @pytest.mark.parametrize("stage", range(len(EVERYTHING)))
 def test_it_goes_on_in_the_stage_in_which_it_was_killed(play, stage):
     before = labels(play(killed_in=EVERYTHING[stage]))
-    assert before[-1] == EVERYTHING[stage] or stage in (1, 2)  # both trainings are started together
+    assert before[-1] == EVERYTHING[stage] or stage in (1, 2, 3, 4)  # trainings, and calibrations, are started together
     assert labels(play()) == EVERYTHING[stage:]
     assert labels(play()) == []
 
 
 def test_training_goes_on_from_its_last_checkpoint(play):
-    play(killed_in="agent")
-    checkpoint(play.what, "agent", step=10)
+    play(killed_in="copilot")
+    checkpoint(play.what, "copilot", step=10)
     commands = {command.label: command.words for command in play()}
-    assert "--resume=true" in commands["agent"]
-    assert f"--config_path={play.what.train('agent').checkpoint / 'train_config.json'}" in commands["agent"]
+    assert "--resume=true" in commands["copilot"]
+    assert f"--config_path={play.what.train('copilot').checkpoint / 'train_config.json'}" in commands["copilot"]
     assert "--resume=true" not in commands["expert flow"]
     assert f"--config_path={PACKAGED / 'expert_flow.yaml'}" in commands["expert flow"]
 
@@ -118,22 +120,32 @@ def test_a_recording_that_was_not_cleaned_up_is_finished_first(play):
     assert not play.what.record.done
 
 
-def test_another_pair_is_not_mistaken_for_this_one(play):
+def test_another_trio_is_not_mistaken_for_this_one(play):
     play(killed_in="agent")
     with pytest.raises(
-        ValueError, match=r"out holds a pair that was made with another setting of steps: choose another"
+        ValueError, match=r"out holds a trio that was made with another setting of steps: choose another"
     ):
         play(Training(play.what.root, demonstrations=48, steps=30))
 
 
 def test_the_recipe_names_no_place_of_this_machine(tmp_path):
     commands = [shlex.split(command) for command in Training(tmp_path).recipe()]
-    assert [command[0] for command in commands] == ["gloves", *["lerobot-train"] * 2, *["python"] * 2, "gloves"]
+    assert [command[0] for command in commands] == [
+        "gloves",
+        *["lerobot-train"] * 3,
+        *["python"] * 3,
+        "gloves",
+        "gloves",
+    ]
     assert not any(str(tmp_path) in word or str(PACKAGED) in word for command in commands for word in command)
     assert "--config_path=lerobot_gloves/demo/agent.yaml" in commands[1]
-    assert commands[3][3:] == ["outputs/demo/training/agent/checkpoints/last/pretrained_model", "outputs/demo/agent"]
-    assert '--scores=["reverse:steps=1", "reverse:steps=5"]' in commands[5]
+    assert commands[4][3:] == ["outputs/demo/training/agent/checkpoints/last/pretrained_model", "outputs/demo/agent"]
+    assert (
+        '--scores=["reverse:steps=1", "reverse:steps=5"]' in commands[7]
+        and commands[7][2] == "--policy.path=outputs/demo/expert_flow"
+    )
+    assert "--policy.path=outputs/demo/copilot" in commands[8]
 
 
-def test_the_recipe_of_the_packaged_pair_is_this_one(tmp_path):
-    assert describe(PACKAGED, PAIR, Training(tmp_path).recipe()) == (PACKAGED / "README.md").read_text()
+def test_the_recipe_of_the_packaged_trio_is_this_one(tmp_path):
+    assert describe(PACKAGED, TRIO, Training(tmp_path).recipe()) == (PACKAGED / "README.md").read_text()
