@@ -141,7 +141,7 @@ def make_config(kind: str, obs_type: str = "state", **options: Any) -> PreTraine
     if not name.startswith("gloves"):
         inputs.pop("observation.goal")
     made = {"input_features": inputs, "output_features": outputs, "device": "cpu", "push_to_hub": False}
-    return make_policy_config(name, **{**made, **KINDS[name], **extra, **options})
+    return make_policy_config(name, **{**made, **KINDS.get(name, FLOW), **extra, **options})
 
 
 def make_policy(kind: str, obs_type: str = "state", *, seed: int = 0, **options: Any) -> PreTrainedPolicy:

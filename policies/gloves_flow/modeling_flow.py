@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 import torch
+from huggingface_hub import ModelCard
 from lerobot.configs import PreTrainedConfig
+from lerobot.configs.train import TrainPipelineConfig
 from lerobot.policies.pretrained import PreTrainedPolicy
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
@@ -18,6 +20,7 @@ from torch import Tensor
 from torch.optim.swa_utils import AveragedModel
 
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.card import policy_card
 from lerobot_gloves.flow import flow_matching_loss, integrate
 from lerobot_gloves.generators import Episodes, randn, spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
@@ -42,6 +45,8 @@ class FlowPolicy(PreTrainedPolicy):
 
     config_class = FlowConfig
     name = "flow"
+    about = "A flow over chunks of actions."
+    """What it is for, in a sentence or two of its model card."""
 
     def __init__(self, config: FlowConfig, **_: object):
         super().__init__(config)
@@ -104,6 +109,16 @@ class FlowPolicy(PreTrainedPolicy):
         else:
             logging.warning("the weights have changed, so their calibration is not saved: run gloves calibrate again")
             self.calibration = None
+
+    def generate_model_card(self, *_: Any, cfg: TrainPipelineConfig | None = None, **__: Any) -> ModelCard:
+        """The card that LeRobot pushes beside the weights; LeRobot's own tells how to run a policy by itself."""
+        training = {} if cfg is None else cfg.to_dict()
+        return policy_card(type(self), self.config, training, self.calibration)
+
+    @staticmethod
+    def facts(config: Any) -> Mapping[str, str]:
+        """What its model card says besides: text by what it is."""
+        return {}
 
     @classmethod
     def _load_as_safetensor(cls, model: "FlowPolicy", model_file: str, map_location: str, strict: bool) -> "FlowPolicy":

@@ -33,6 +33,7 @@ class CsaAssistPolicy(FlowPolicy):
 
     config_class = CsaAssistConfig
     name = "csa_assist"
+    about = "A consistency model of an expert's actions that assists in one evaluation (FlashBack's shared autonomy)."
     editors: Mapping[str, type] = {"csa": CSA}
     default_editor = "csa"
     scores: Mapping[str, type] = {}

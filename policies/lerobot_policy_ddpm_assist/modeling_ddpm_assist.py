@@ -30,6 +30,10 @@ class DdpmAssistPolicy(FlowPolicy):
 
     config_class = DdpmAssistConfig
     name = "ddpm_assist"
+    about = (
+        "A diffusion model of an expert's actions that assists by noising a proposal and denoising it (\"To the Noise "
+        'and Back").'
+    )
     editors: Mapping[str, type] = {"ddpm": DDPM}
     default_editor = "ddpm"
     scores: Mapping[str, type] = {}

@@ -35,6 +35,10 @@ class GlovesAlignFlowPolicy(FlowPolicy):
 
     config_class = GlovesAlignFlowConfig
     name = "gloves_align_flow"
+    about = (
+        "An align flow: an expert's chunks of actions and an agent's in one network, along whose difference IFAE edits "
+        "what that agent proposes."
+    )
     editors: Mapping[str, type] = EDITORS
     default_editor = "ifae"
     scores: Mapping[str, type] = SCORES

@@ -36,6 +36,10 @@ class GlovesCopilotPolicy(FlowPolicy):
 
     config_class = GlovesCopilotConfig
     name = "gloves_copilot"
+    about = (
+        "A copilot: it reads what an agent proposes and proposed before, and corrects what is wrong with it. It was "
+        "trained on an expert's demonstrations alone, made faulty at random, and needs no setting."
+    )
     editors: Mapping[str, type] = {"copilot": Copilot, **EDITORS}
     default_editor = "copilot"
     scores: Mapping[str, type] = {**SCORES, "correction": CorrectionScore}
@@ -53,6 +57,15 @@ class GlovesCopilotPolicy(FlowPolicy):
             zero = torch.where(spread > CONSTANT, -known["mean"].float() / spread, 0.0)
         self.register_buffer("zero", zero)
         self.register_buffer("spread", spread)
+
+    @staticmethod
+    def facts(config: GlovesCopilotConfig) -> Mapping[str, str]:
+        """The faults that its training drew, and how many proposals it reads."""
+        return {
+            "faults of its training": f"{', '.join(config.faults)}; none in {100 * config.healthy:g} % of the draws, "
+            f"two in {100 * config.several:g} % of the others",
+            "reads": f"the proposal and the last {config.history}, {config.stride} actions apart",
+        }
 
     @property
     def history(self) -> int:

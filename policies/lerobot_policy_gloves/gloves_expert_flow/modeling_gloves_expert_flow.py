@@ -23,6 +23,10 @@ class GlovesExpertFlowPolicy(FlowPolicy):
 
     config_class = GlovesExpertFlowConfig
     name = "gloves_expert_flow"
+    about = (
+        "An expert flow: it tells how unlike an expert's a chunk of actions is, and edits it towards the expert's "
+        "(FEEG, FPAS)."
+    )
     editors: Mapping[str, type] = EDITORS
     default_editor = "feeg"
     scores: Mapping[str, type] = SCORES

@@ -10,3 +10,4 @@ class GlovesFlowPolicy(FlowPolicy):
 
     config_class = GlovesFlowConfig
     name = "gloves_flow_policy"
+    about = "An agent: a flow over chunks of actions that is told the goal."

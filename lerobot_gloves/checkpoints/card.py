@@ -1,0 +1,118 @@
+"""The model card of a flow: what it is for, the command that uses it, what it was trained and calibrated on."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from huggingface_hub import ModelCard, ModelCardData
+from lerobot.configs import PreTrainedConfig
+from lerobot.policies import get_policy_class
+
+from lerobot_gloves.checkpoints.calibration import Calibration
+
+CARD_NAME = "README.md"
+TRAINING_NAME = "train_config.json"
+
+
+def policy_card(
+    kind: type, config: PreTrainedConfig, training: Mapping[str, Any], calibration: Calibration | None
+) -> ModelCard:
+    """The card of a policy whose class says what it is `about`.
+
+    Args:
+        kind: The policy's class. One with `editors` is an adapter, and its card shows how a policy is wrapped in it.
+        config: The policy's configuration; `repo_id` is where it is pushed to, None for a folder.
+        training: The training's configuration as `train_config.json` holds it; empty where it is not known.
+        calibration: What its gate was calibrated on; None for nothing.
+    """
+    name: str = config.type
+    data, adapter = training.get("dataset") or {}, hasattr(kind, "editors")
+    own = {"lerobot", "robotics", "gloves", name} | ({"adapter"} if adapter else set())
+    if name.startswith("gloves_"):
+        own.add("flow-matching")
+    header = ModelCardData(
+        license=config.license or "apache-2.0",
+        library_name="lerobot",
+        pipeline_tag="robotics",
+        tags=sorted(own.union(config.tags or [])),
+        model_name=name,
+        datasets=data.get("repo_id"),
+    )
+    known = {"policy type": f"`{name}`", **_features(config), **_training(training), **kind.facts(config)}  # type: ignore[attr-defined]
+    if getattr(kind, "scores", None):
+        known["calibration"] = _calibration(calibration)
+    about: str = kind.about  # type: ignore[attr-defined]
+    parts = [
+        f"# {config.repo_id or name}",
+        about,
+        _use(kind, config.repo_id or "<this folder>", calibration) if adapter else _play(config.repo_id),
+        "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in known.items())]),
+    ]
+    return ModelCard(f"---\n{header.to_yaml()}\n---\n\n" + "\n\n".join(parts) + "\n")
+
+
+def write_card(folder: Path) -> None:
+    """Write the card of a checkpoint's folder beside it, in the place of the last one.
+
+    Nothing is written for a policy that is none of this package's: its card is its maker's.
+
+    Raises:
+        ValueError: If its configuration or calibration cannot be read.
+    """
+    config = PreTrainedConfig.from_pretrained(folder)
+    kind = get_policy_class(config.type)
+    if hasattr(kind, "about"):
+        file = folder / TRAINING_NAME
+        training = json.loads(file.read_text()) if file.is_file() else {}
+        policy_card(kind, config, training, Calibration.load(folder)).save(folder / CARD_NAME)
+
+
+def _use(kind: Any, name: str, calibration: Calibration | None) -> str:
+    gate = " --policy.gate=true" if calibration is not None and kind.default_editor != "copilot" else ""
+    editors = ", ".join(f"`{editor}`" for editor in kind.editors)
+    return f"""It is no policy to be run by itself but an adapter: it corrects yours, whose weights stay as they are.
+
+```bash
+lerobot-eval --policy.path=<your policy> --env.type=<your environment> \\
+    --policy.wrap=gloves --policy.adapter={name}{gate}
+```
+
+`--policy.method` chooses how it edits: {editors}; without it, `{kind.default_editor}`. The same options work with
+`lerobot-rollout` on a robot, once `lerobot_policy_gloves` is installed."""
+
+
+def _play(repo_id: str | None) -> str:
+    return f"""```bash
+lerobot-eval --policy.path={repo_id or "<this folder>"} --env.type=<its environment>
+```
+
+`lerobot_policy_gloves` must be installed."""
+
+
+def _features(config: PreTrainedConfig) -> dict[str, str]:
+    def shapes(features: Mapping[str, Any] | None) -> str:
+        return ", ".join(f"`{key}` {tuple(feature.shape)}" for key, feature in (features or {}).items())
+
+    chunk = f", {config.chunk_size} at a time" if hasattr(config, "chunk_size") else ""
+    return {"observations": shapes(config.input_features), "actions": shapes(config.output_features) + chunk}
+
+
+def _training(training: Mapping[str, Any]) -> dict[str, str]:
+    data = training.get("dataset") or {}
+    if not data.get("repo_id"):
+        return {}
+    held_out = f", {100 * data['eval_split']:g} % of its episodes held out" if data.get("eval_split") else ""
+    revision = f" at {data['revision']}" if data.get("revision") else ""
+    known = {"data": f"`{data['repo_id']}`{revision}{held_out}"}
+    if training.get("steps"):
+        known["training"] = f"{training['steps']:,} steps of {training['batch_size']} items, seed {training['seed']}"
+    return known
+
+
+def _calibration(calibration: Calibration | None) -> str:
+    if calibration is None:
+        return "none: `gloves calibrate` makes one, which the gate, `fpas` and `copilot` need"
+    scores = ", ".join(f"`{name}`" for name in calibration.scores)
+    count = next(iter(calibration.scores.values())).shape[1]
+    return f"{scores}, on {count} chunks of {len(calibration.episodes)} episodes of `{calibration.repo_id}`"
