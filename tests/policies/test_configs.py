@@ -92,12 +92,28 @@ def read(typed, tmp_path):
 
 
 def test_no_file_is_left_out():
+    assert {file.name for file in (CONFIGS / "own").iterdir()} == {"state.yaml", "cameras.yaml"}
     for scale, kinds in (("cpu", set(TYPES)), ("paper", TYPES.keys() - OURS)):
         assert {file.name for file in (CONFIGS / scale).iterdir()} == {f"{kind}.yaml" for kind in kinds}
 
 
+@pytest.mark.parametrize("name", ["state", "cameras"])
+def test_a_file_for_own_data_saves_and_tells_the_held_out_loss_long_before_its_end(typed, tmp_path, name):
+    @parser.wrap()
+    def lerobot_train(cfg: TrainPipelineConfig) -> TrainPipelineConfig:
+        cfg.validate()
+        return cfg
+
+    typed(
+        f"--config_path={CONFIGS / 'own' / name}.yaml", "--dataset.repo_id=me/mine", f"--output_dir={tmp_path / 'new'}"
+    )
+    config = lerobot_train()
+    assert config.policy.type == "gloves_copilot" and not config.policy.push_to_hub
+    assert config.dataset.eval_split > 0 and config.eval_steps == config.save_freq <= config.steps / 4
+
+
 def test_no_file_names_a_dataset_that_a_user_might_train_on_by_mistake(typed, capsys):
-    files = [file for scale in ("cpu", "paper") for file in (CONFIGS / scale).iterdir()]
+    files = [file for scale in ("cpu", "paper", "own") for file in (CONFIGS / scale).iterdir()]
     assert all("repo_id" not in yaml.safe_load(file.read_text())["dataset"] for file in files)
 
     @parser.wrap()
