@@ -31,7 +31,7 @@ from lerobot_gloves.conformal import JointGate
 from lerobot_gloves.evaluation.agent import load_agent
 from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.rollout import rollout
-from lerobot_gloves.evaluation.seeds import SPLITS, environment_seeds
+from lerobot_gloves.evaluation.seeds import SPLITS, environment_seeds, policy_seed
 from lerobot_gloves.specification import parse_all, specification
 from lerobot_gloves.system.text import markdown_table
 
@@ -98,7 +98,7 @@ def judge(env: EnvConfig, agent: str, perturbation: str, adapter: Path, split: s
         with TemporaryDirectory() as folder:
             log = Path(folder) / "log.jsonl"
             looking_on = {"adapter": str(adapter), "method": "none", "score": "+".join(SCORES), "log": log}
-            wrapped = load_agent(env, agent, perturbation, seed, **looking_on)
+            wrapped = load_agent(env, agent, perturbation, policy_seed(split, seed), **looking_on)
             with environments(env, EPISODES) as vector, wrapped.autocast:
                 played = rollout(vector, wrapped, environment_seeds(split, seed, EPISODES))
             successes += [episode.success for episode in played]

@@ -18,7 +18,7 @@ from lerobot_gloves.checkpoints.content import checkpoint_hash
 from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.episode import Episode
 from lerobot_gloves.evaluation.rollout import rollout
-from lerobot_gloves.evaluation.seeds import environment_seeds
+from lerobot_gloves.evaluation.seeds import environment_seeds, policy_seed
 from lerobot_gloves.system.errors import one_line
 
 PACKAGES = ("lerobot_policy_gloves", "lerobot", "torch", "numpy", "gymnasium", "mujoco", "robosuite", "diffusers")
@@ -58,7 +58,7 @@ def run(setup: Setup, cell: Cell) -> list[Episode]:
     takes a few hundredths of the time of a cell of Slalom.
     """
     torch.set_num_threads(1)
-    set_seed(cell.seed)  # for agents that draw from the global generators
+    set_seed(policy_seed(setup.split, cell.seed))  # for agents that draw from the global generators
     seeds = environment_seeds(setup.split, cell.seed, setup.episodes)
     agent = load(setup, cell)
     episodes: list[Episode] = []

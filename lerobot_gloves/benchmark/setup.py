@@ -11,7 +11,7 @@ from lerobot_gloves.benchmark.adapter_options import check_options, told_options
 from lerobot_gloves.benchmark.cell import Cell, gated
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent
-from lerobot_gloves.evaluation.seeds import BAND, SPLITS
+from lerobot_gloves.evaluation.seeds import BAND, SPLITS, policy_seed
 from lerobot_gloves.specification import NONE, parse_all, parse_optional, specification
 
 
@@ -108,4 +108,5 @@ def load(setup: Setup, cell: Cell) -> WrappedAgent:
             "score": setup.score,
             **told_options(setup.options, cell.perturbation),
         }
-    return load_agent(setup.env, setup.agent, cell.perturbation, cell.seed, **corrected)
+    seed = policy_seed(setup.split, cell.seed)
+    return load_agent(setup.env, setup.agent, cell.perturbation, seed, **corrected)

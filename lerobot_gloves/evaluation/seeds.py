@@ -18,3 +18,11 @@ def environment_seeds(split: str, seed: int, episodes: int) -> range:
     """
     first = SPLITS[split] + BAND * seed
     return range(first, first + episodes)
+
+
+def policy_seed(split: str, seed: int) -> int:
+    """What agent, perturbation and editor draw from as the policy with seed s: s itself on the split test.
+
+    On another they draw otherwise: where a task has few initial states, the same draws would make the same episodes.
+    """
+    return SPLITS[split] - TEST + seed

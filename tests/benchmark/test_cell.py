@@ -3,10 +3,13 @@
 from typing import Any
 
 import pytest
+import torch
 
 from lerobot_gloves.benchmark.cell import Cell
 from lerobot_gloves.benchmark.play import run
 from lerobot_gloves.benchmark.setup import Setup, load, resolve_method
+from lerobot_gloves.evaluation.agent import load_agent
+from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.tasks.slalom import SlalomEnv
 
 
@@ -89,3 +92,19 @@ def test_a_column_is_its_label_or_its_editor_and_gate(label: str) -> None:
     assert Cell("slow", "feeg", 0, gate=True, label=label).column == (label or "feeg+gate")
     assert Cell("slow", "feeg", 0, label=label).column == (label or "feeg")
     assert Cell("slow", "none", 0, label=label).column == (label or "agent")
+
+
+@pytest.mark.parametrize("perturbation", ["none", "noised:sigma=0.01"])
+def test_the_same_start_is_played_otherwise_on_validation_seeds(agent: str, perturbation: str) -> None:
+    """Slalom begins in 24 ways, so an episode of a search must not be one of the test."""
+    cell, proposed = Cell(perturbation, "none", 3), {}
+    for split in ("test", "validation"):
+        wrapped = load(Setup(env=SlalomEnv(), agent=agent, episodes=2, split=split), cell)
+        with environments(SlalomEnv(), 2) as env:
+            observation, _ = env.reset(seed=[10_300, 10_301])
+            proposed[split] = wrapped.act(env, observation)
+    assert (proposed["test"] != proposed["validation"]).all()
+    known = load_agent(SlalomEnv(), agent, perturbation, 3)
+    with environments(SlalomEnv(), 2) as env:
+        observation, _ = env.reset(seed=[10_300, 10_301])
+        assert torch.equal(known.act(env, observation), proposed["test"])
