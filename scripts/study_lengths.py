@@ -52,7 +52,13 @@ def seconds(length: int, chunks: int) -> float:
     """Processor time of scoring chunks of the default width by the default scores, for the default lengths."""
     features = {OBS_STATE: PolicyFeature(FeatureType.STATE, (7,)), ACTION: PolicyFeature(FeatureType.ACTION, (7,))}
     given, made = {OBS_STATE: features[OBS_STATE]}, {ACTION: features[ACTION]}
-    options = {"chunk_size": length, "input_features": given, "output_features": made, "device": "cpu"}
+    options = {
+        "chunk_size": length,
+        "n_action_steps": length,
+        "input_features": given,
+        "output_features": made,
+        "device": "cpu",
+    }
     policy = get_policy_class("gloves_expert_flow")(make_policy_config("gloves_expert_flow", **options)).eval()
     batch = {OBS_STATE: torch.randn(chunks, 7), ACTION: torch.randn(chunks, 1, length, 7)}
     began = time.process_time()

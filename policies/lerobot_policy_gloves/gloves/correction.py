@@ -199,7 +199,7 @@ class Corrector:
             if not torch.equal(kept, raw):
                 seen = {key: value[edited] for key, value in told.items()}
                 result = self._normalised({**seen, "action": kept})["action"]
-            moved = (result - chunk[edited])[:, :length]
+            moved = result[:, :length] - chunk[edited][:, :length]
             if (constant := self.constants.action) is not None:
                 kept = torch.where(constant.to(kept.device), executed[edited], kept)
                 moved[..., constant] = 0
