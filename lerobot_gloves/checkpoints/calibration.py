@@ -52,20 +52,16 @@ class Calibration:
         Raises:
             ValueError: If only longer ones were calibrated.
         """
-        if fitting := [known for known in self._lengths if known <= length]:
+        if fitting := [known for known in self.calibrated if known <= length]:
             return max(fitting)
         raise ValueError(
-            f"the calibration holds lengths {_listed(self._lengths)}, but a proposal has {length} actions: "
+            f"the calibration holds lengths {_listed(self.calibrated)}, but a proposal has {length} actions: "
             f"run gloves calibrate --lengths='[{length}]'"
         )
 
     @property
-    def longest(self) -> int:
-        """The longest calibrated length."""
-        return max(self._lengths)
-
-    @property
-    def _lengths(self) -> tuple[int, ...]:
+    def calibrated(self) -> tuple[int, ...]:
+        """The lengths that have a row of their own."""
         return self.lengths or tuple(range(1, 1 + max(len(table) for table in self.scores.values())))
 
     def of(self, specification: str, length: int, *, by_episode: bool = False) -> Tensor:
@@ -79,9 +75,9 @@ class Calibration:
                 f"the adapter is not calibrated for score {specification!r}, only for {', '.join(self.scores)}: "
                 f"run gloves calibrate --scores='[{specification}]'"
             )
-        if length not in self._lengths:
-            raise ValueError(f"the calibration holds lengths {_listed(self._lengths)}, not {length}")
-        scores = self.scores[specification][self._lengths.index(length)]
+        if length not in self.calibrated:
+            raise ValueError(f"the calibration holds lengths {_listed(self.calibrated)}, not {length}")
+        scores = self.scores[specification][self.calibrated.index(length)]
         if not by_episode:
             return scores
         if not self.episode_of:
@@ -95,7 +91,7 @@ class Calibration:
         A p-value is at least 1 / (n + 1) for n scores, and as no score lies above an infinite one, each of these that
         there are makes it larger by as much.
         """
-        rows = [self.of(specification, length, by_episode=by_episode) for length in self._lengths]
+        rows = [self.of(specification, length, by_episode=by_episode) for length in self.calibrated]
         return max((1 + int(row.isposinf().sum())) / (1 + len(row)) for row in rows)
 
     def check(self, weights: str) -> None:

@@ -52,9 +52,10 @@ class Gate:
         self._needed = needed
         self._tests: dict[int, JointGate] = {}
         self._judged: dict[int, int] = {}
-        test = None if calibration is None else self.test(calibration.longest)  # shall not wait for the first chunk
-        if needed and test is not None and config.alpha > 0:
-            self._check(test)
+        # What is wrong shall not wait for the first chunk that has such a length.
+        for length in calibration.calibrated if needed and calibration is not None else ():
+            if (test := self.test(length)) is not None and config.alpha > 0:
+                self._check(test)
 
     def judged(self, length: int) -> int:
         """How many of a proposal's actions are scored, the first ones; all where nothing is compared.
@@ -65,11 +66,11 @@ class Gate:
         Raises:
             ValueError: If all calibrated lengths are longer.
         """
-        if self._calibration is None or not self.names:
+        if self._calibration is None or not self.names or not self._needed:
             return length
         if length not in self._judged:
             self._judged[length] = judged = self._calibration.judged(length)
-            if self._needed and judged < length:
+            if judged < length:
                 told = (
                     "gloves: proposals of %d actions are judged by their first %d: calibrate that length by --lengths"
                 )
@@ -78,9 +79,9 @@ class Gate:
 
     def test(self, length: int) -> JointGate | None:
         """The test of proposals of that many actions; None if nobody needs one and a score is uncalibrated."""
-        if self._calibration is None or not self.names:
-            return None
         judged = self.judged(length)
+        if self._calibration is None or not self.names or judged not in self._calibration.calibrated:
+            return None
         if judged not in self._tests:
             tables = [self._calibration.of(name, judged, by_episode=self._by_episode) for name in self.names]
             self._tests[judged] = JointGate(tables, self._alpha)
