@@ -4,7 +4,7 @@ Policies are randomly initialised for Slalom's observations, and saved with proc
 identity: an action that skips its normalisation, or goes through it twice, is another action.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -246,7 +246,12 @@ def observation(batch: int = 2, obs_type: str = "state", *, seed: int = 0) -> di
 
 
 def write_dataset(
-    root: Path, obs_type: str = "state", *, episodes: int = 4, length: int = 12, leave_out: tuple[str, ...] = ()
+    root: Path,
+    obs_type: str = "state",
+    *,
+    episodes: int = 4,
+    length: int | Sequence[int] = 12,
+    leave_out: Sequence[str] = (),
 ) -> LeRobotDataset:
     """A LeRobotDataset of Slalom's observations: the action is a linear function of the state, images are noise."""
     inputs, outputs = features(obs_type)
@@ -259,12 +264,11 @@ def write_dataset(
     rng = np.random.default_rng(0)
     mixing = 0.01 * rng.normal(size=(4, 2))
     for episode in range(episodes):
-        goal = np.eye(9, dtype=np.float32)[episode % 9]
-        for _ in range(length):
+        for _ in range(length if isinstance(length, int) else length[episode]):
             state = rng.normal(size=4)
             row = {
                 "observation.state": state,
-                "observation.goal": goal,
+                "observation.goal": np.eye(9)[episode % 9],
                 "observation.environment_state": np.arange(12.0),
                 "action": state @ mixing,
                 CAMERA: rng.uniform(size=(SIZE, SIZE, 3)),

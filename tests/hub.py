@@ -24,12 +24,13 @@ USER = "tester"
 
 @dataclass
 class Repository:
-    """What was pushed: the files of every revision by name, the newest revision, the tags."""
+    """What was pushed: the files of every revision by name, the newest revision, other branches' newest, the tags."""
 
     head: str
     revisions: dict[str, dict[str, bytes]]
     private: bool
     tags: dict[str, str] = field(default_factory=dict)
+    branches: dict[str, str] = field(default_factory=dict)
 
     @property
     def files(self) -> dict[str, bytes]:
@@ -40,22 +41,28 @@ class Repository:
         """The revision that a branch, tag or revision names."""
         if revision in ("main", "refs/heads/main"):
             return self.head
-        return self.tags.get(revision, revision if revision in self.revisions else None)
+        named = self.tags | self.branches
+        return named.get(revision, revision if revision in self.revisions else None)
 
-    def commit(self, lines: list[dict[str, Any]]) -> str:
-        """Apply the lines of a commit request."""
-        files = dict(self.files)
+    def commit(self, lines: list[dict[str, Any]], branch: str = "main") -> str:
+        """Apply the lines of a commit request to a branch."""
+        before = self.branches.get(branch, self.head)
+        files = dict(self.revisions[before])
         for line in lines:
             if line["key"] == "file":
                 files[line["value"]["path"]] = base64.b64decode(line["value"]["content"])
             elif line["key"] == "deletedFile":
                 files.pop(line["value"]["path"], None)
-        digest = hashlib.sha1(self.head.encode())
+        digest = hashlib.sha1(before.encode())
         for path in sorted(files):
             digest.update(path.encode() + b"\0" + files[path])
-        self.head = digest.hexdigest()
-        self.revisions[self.head] = files
-        return self.head
+        revision = digest.hexdigest()
+        self.revisions[revision] = files
+        if branch in self.branches:
+            self.branches[branch] = revision
+        else:
+            self.head = revision
+        return revision
 
 
 @dataclass
@@ -154,9 +161,12 @@ class _Handler(BaseHTTPRequestHandler):
             ]
             self._json({"files": files})
         elif operation == "commit":
-            revision = repository.commit([json.loads(line) for line in body.splitlines()])
+            revision = repository.commit([json.loads(line) for line in body.splitlines()], argument or "main")
             url = f"{self.hub.url}/{name}/commit/{revision}"
             self._json({"success": True, "commitOid": revision, "commitUrl": url, "hookOutput": ""})
+        elif operation == "branch":
+            repository.branches[argument] = repository.head
+            self._json({})
         elif operation == "tag" and self.command == "DELETE":
             if repository.tags.pop(argument, None) is None:
                 raise _NotFoundError("RevisionNotFound")
@@ -165,12 +175,16 @@ class _Handler(BaseHTTPRequestHandler):
             repository.tags[json.loads(body)["tag"]] = self._resolve(repository, argument)
             self._json({})
         elif operation == "refs":
-            branch = {"name": "main", "ref": "refs/heads/main", "targetCommit": repository.head}
+            heads = {"main": repository.head} | repository.branches
+            branches = [
+                {"name": name, "ref": f"refs/heads/{name}", "targetCommit": revision}
+                for name, revision in heads.items()
+            ]
             tags = [
                 {"name": tag, "ref": f"refs/tags/{tag}", "targetCommit": revision}
                 for tag, revision in repository.tags.items()
             ]
-            self._json({"branches": [branch], "tags": tags, "converts": []})
+            self._json({"branches": branches, "tags": tags, "converts": []})
         else:
             self._list(repository, name, operation, argument, body)
 

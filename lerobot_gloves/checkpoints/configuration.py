@@ -30,24 +30,23 @@ def checkpoint_config(
         ValueError: If there is none, it has no such options, or it is of another LeRobot or a package that is not here.
     """
     told = io.StringIO()
+    named = f"--{option}={checkpoint}" if revision is None else f"--{option}={checkpoint} at revision {revision}"
     try:
         with redirect_stderr(told):
             return PreTrainedConfig.from_pretrained(checkpoint, revision=revision, cli_overrides=list(overrides))
     except (FileNotFoundError, NotADirectoryError, HFValidationError) as error:
-        raise ValueError(f"--{option}={checkpoint} is no checkpoint's folder, nor one on the Hub in reach") from error
+        raise ValueError(f"{named} is no checkpoint's folder, nor one on the Hub in reach") from error
     except ParsingError as error:
         if overrides:
-            raise ValueError(f"--{option}={checkpoint} with {' '.join(overrides)}: {cause(error)}") from error
+            raise ValueError(f"{named} with {' '.join(overrides)}: {cause(error)}") from error
         raise ValueError(
-            f"--{option}={checkpoint}: its {CONFIG_NAME} is not one of this LeRobot ({__version__}): "
+            f"{named}: its {CONFIG_NAME} is not one of this LeRobot ({__version__}): "
             f"{one_line(cause(error))}: save it anew by this one, or mend the file"
         ) from error
     except ValueError as error:  # no JSON, or a type of policy that nobody has registered, which LeRobot lists all of
         reason = one_line(error).partition(" Available policy types")[0]
-        raise ValueError(
-            f"--{option}={checkpoint}: its {CONFIG_NAME}: {reason} Mend it, or install what brings it"
-        ) from error
+        raise ValueError(f"{named}: its {CONFIG_NAME}: {reason} Mend it, or install what brings it") from error
     except SystemExit as error:  # how argparse refuses an option, after telling all that there are
         known = ", ".join(f"--{one.name}" for one in fields(type(checkpoint_config(option, checkpoint, (), revision))))
         reason = told.getvalue().strip().splitlines()[-1].partition("error: ")[2]
-        raise ValueError(f"--{option}={checkpoint} has {reason}: choose from {known}") from error
+        raise ValueError(f"{named} has {reason}: choose from {known}") from error

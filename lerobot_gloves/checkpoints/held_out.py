@@ -1,18 +1,56 @@
-"""The episodes that a checkpoint's training run has not seen."""
+"""The episodes that a checkpoint's training run has not seen, read as it read its own."""
 
 import logging
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from draccus.utils import ParsingError
 from httpx import HTTPError
-from lerobot.configs import PreTrainedConfig
 from lerobot.configs.default import DatasetConfig
 from lerobot.configs.train import TRAIN_CONFIG_NAME, TrainPipelineConfig
+from lerobot.configs.video import DEFAULT_DEPTH_UNIT
 from lerobot.datasets.factory import make_train_eval_datasets
 from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
 from lerobot.utils.constants import HF_LEROBOT_HOME
+from lerobot.utils.import_utils import get_safe_default_video_backend
 
 from lerobot_gloves.system.errors import cause, one_line
+
+
+@dataclass
+class HeldOutConfig(DatasetConfig):
+    """A dataset that is read as a checkpoint's training read its own, but for what is said otherwise."""
+
+    # Decoder of videos; by default the training's.
+    video_backend: str | None = None
+    # Unit of depth maps, mm or m; by default the training's.
+    depth_output_unit: str | None = None
+
+    def __post_init__(self) -> None:
+        told = self.depth_output_unit
+        self.depth_output_unit = told or DEFAULT_DEPTH_UNIT
+        super().__post_init__()
+        self.depth_output_unit = told
+
+    def completed(self, training: TrainPipelineConfig | None) -> "HeldOutConfig":
+        """The same with the training's choice wherever none was made, LeRobot's where it is not known.
+
+        Of the training's dataset that is also where it lay, if it still does, and its revision.
+        """
+        own = DatasetConfig(self.repo_id) if training is None else training.dataset
+        backend = own.video_backend
+        if backend == "torchcodec":  # which the machine of the training may have had, and this one not
+            backend = get_safe_default_video_backend()
+        read = replace(
+            self,
+            video_backend=self.video_backend or backend,
+            depth_output_unit=self.depth_output_unit or own.depth_output_unit,
+        )
+        if own.repo_id == self.repo_id:
+            read.revision = self.revision or own.revision
+            if self.root is None and own.root is not None and Path(own.root).is_dir():
+                read.root = own.root
+        return read
 
 
 def load_metadata(dataset: DatasetConfig) -> LeRobotDatasetMetadata:
@@ -31,8 +69,12 @@ def load_metadata(dataset: DatasetConfig) -> LeRobotDatasetMetadata:
         ) from error
 
 
-def training_config(checkpoint: Path) -> TrainPipelineConfig | None:
+def training_config(checkpoint: Path, revision: str | None = None) -> TrainPipelineConfig | None:
     """How a checkpoint was trained, None if it does not say: only `lerobot-train` writes that down.
+
+    Args:
+        checkpoint: Its folder, or its Hub id.
+        revision: Its Hub revision.
 
     Raises:
         ValueError: If the file names what is not installed here, such as an environment, or cannot be read.
@@ -41,7 +83,7 @@ def training_config(checkpoint: Path) -> TrainPipelineConfig | None:
     if checkpoint.is_dir() and not (checkpoint / TRAIN_CONFIG_NAME).is_file():
         return None
     try:
-        return TrainPipelineConfig.from_pretrained(checkpoint)
+        return TrainPipelineConfig.from_pretrained(checkpoint, revision=revision)
     except OSError:
         return None
     except (ParsingError, ValueError) as error:
@@ -52,11 +94,13 @@ def training_config(checkpoint: Path) -> TrainPipelineConfig | None:
         ) from error
 
 
-def held_out_episodes(policy: PreTrainedConfig, dataset: DatasetConfig, meta: LeRobotDatasetMetadata) -> list[int]:
+def held_out_episodes(
+    training: TrainPipelineConfig | None, dataset: DatasetConfig, meta: LeRobotDatasetMetadata
+) -> list[int]:
     """The episodes to calibrate on, none of which the training run may have seen.
 
     Args:
-        policy: The checkpoint's configuration, with its `pretrained_path`.
+        training: How the checkpoint was trained, None if it does not say.
         dataset: The dataset, with the episodes that are asked for, if some are.
         meta: What the dataset says of itself.
 
@@ -66,7 +110,6 @@ def held_out_episodes(policy: PreTrainedConfig, dataset: DatasetConfig, meta: Le
     asked, count = dataset.episodes, meta.total_episodes
     if outside := [episode for episode in asked or () if episode >= count]:
         raise ValueError(f"dataset.episodes holds {outside}, but {dataset.repo_id} has episodes 0 to {count - 1}")
-    training = training_config(Path(str(policy.pretrained_path)))
     if training is None or training.dataset.repo_id != dataset.repo_id:
         if training is None:
             reason = f"no {TRAIN_CONFIG_NAME} beside the weights"

@@ -1,6 +1,6 @@
 """Scores of a dataset's chunks by an adapter: what a calibration holds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from lerobot_gloves.adapter import pad
 from lerobot_gloves.checkpoints.processors import Pipeline
+from lerobot_gloves.checkpoints.statistics import Constants
 
 
 @dataclass(frozen=True)
@@ -21,16 +22,22 @@ class Decisions:
     """Which chunks of an episode are scored, and what was proposed before each.
 
     Attributes:
-        length: Actions of a chunk, at most the adapter's T.
+        lengths: How many leading actions of a chunk count, ascending, one row of scores each; the last are all of it,
+            at most the adapter's T.
         every: Frames between the beginnings of two chunks; the first begins with the episode.
         stride: Frames between a chunk and the one proposed before it.
         history: How many of those the adapter is told, as far as the episode goes back; 0 for none.
     """
 
-    length: int
+    lengths: Sequence[int]
     every: int
     stride: int = 1
     history: int = 0
+
+    @property
+    def length(self) -> int:
+        """Actions of a chunk."""
+        return self.lengths[-1]
 
     @property
     def indices(self) -> list[int]:
@@ -56,7 +63,7 @@ def score_dataset(
     decisions: Decisions,
     batch_size: int,
 ) -> tuple[dict[str, Tensor], list[int]]:
-    """Scores of the dataset's chunks, (length, n) by score, row k for the first k + 1 actions; the episode of each.
+    """Scores of the dataset's chunks, (L, n) by score, a row for each of `decisions.lengths`; the episode of each.
 
     Chunks that run past their episode's end are left out. Of the last proposals as many actions are told as of the
     chunk count: an agent with shorter chunks made shorter ones before as well.
@@ -70,8 +77,9 @@ def score_dataset(
         batch_size: Chunks scored at once.
 
     Raises:
-        ValueError: If no episode is as long as a chunk.
+        ValueError: If no episode is as long as a chunk, or a score is not a number.
     """
+    constants = Constants(preprocess)
     table: dict[str, list[Tensor]] = {name: [] for name in scores}
     episode_of: list[int] = []
     batches = alike(dataset, decisions, batch_size)
@@ -81,21 +89,30 @@ def score_dataset(
             continue
         rows = {key: value[whole] for key, value in item.items() if isinstance(value, Tensor)}
         told = int(decisions.told(rows["frame_index"])[0])
-        batch = preprocess(rows | {ACTION: decisions.chunks(rows[ACTION], told)})
+        batch = preprocess(constants.hold(rows | {ACTION: decisions.chunks(rows[ACTION], told)}))
         found = score_lengths(adapter, batch, list(scores.values()), decisions)
         for name, columns in zip(table, found.unbind(dim=1), strict=True):
             table[name].append(columns)
         episode_of += rows["episode_index"].tolist()
     if not episode_of:
         raise ValueError(f"no episode of the {dataset.num_episodes} is as long as a chunk, {decisions.length} actions")
-    return {name: torch.cat(columns, dim=1) for name, columns in table.items()}, episode_of
+    scored = {name: torch.cat(columns, dim=1) for name, columns in table.items()}
+    for name, values in scored.items():
+        if (bad := values.isnan().any(dim=0)).any():
+            raise ValueError(
+                f"{int(bad.sum())} of {len(bad)} chunks score NaN by {name}, the first of episode "
+                f"{episode_of[int(bad.int().argmax())]}: the adapter's weights or the data hold what is no number"
+            )
+        if values.isposinf().all(dim=1).any():
+            raise ValueError(f"all {values.shape[1]} chunks score infinite by {name}: take another score")
+    return scored, episode_of
 
 
 def score_lengths(adapter: Any, batch: Mapping[str, Tensor], scores: list[Any], decisions: Decisions) -> Tensor:
-    """Scores (length, m, B) by m scores of a batch whose actions are `Decisions.chunks`, normalised."""
+    """Scores (L, m, B) by m scores of a batch whose actions are `Decisions.chunks`, normalised."""
     *before, chunk = batch[ACTION].unbind(dim=1)
     size, bound, found = adapter.config.chunk_size, None, []
-    for k in range(1, decisions.length + 1):
+    for k in decisions.lengths:
         if decisions.history:
             history = torch.stack([pad(past[:, :k], size) for past in before], dim=1) if before else None
             bound = adapter.bind(batch, history)
@@ -103,6 +120,17 @@ def score_lengths(adapter: Any, batch: Mapping[str, Tensor], scores: list[Any], 
             bound = adapter.bind(batch)
         found.append(torch.stack([bound.score(pad(chunk[:, :k], size), score, length=k).cpu() for score in scores]))
     return torch.stack(found)
+
+
+def default_lengths(length: int) -> tuple[int, ...]:
+    """For what lengths chunks are scored if nobody says: all, or of long chunks the whole, halves, quarters and ones.
+
+    Every length takes a pass of its own, since the padding behind it is another. Up to here all of them together cost
+    less than four of a chunk of 100.
+    """
+    if length <= 20:
+        return tuple(range(1, length + 1))
+    return 1, length // 4, length // 2, length
 
 
 def alike(dataset: LeRobotDataset, decisions: Decisions, batch_size: int) -> list[list[int]]:

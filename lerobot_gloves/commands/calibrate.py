@@ -1,6 +1,7 @@
 """`gloves calibrate`: score episodes that went well with a trained adapter, so that its gate knows what is normal."""
 
 import logging
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,10 +9,9 @@ from typing import Any
 
 from huggingface_hub import HfApi
 from lerobot.configs import PreTrainedConfig, parser
-from lerobot.configs.default import DatasetConfig
+from lerobot.configs.train import TrainPipelineConfig
 from lerobot.datasets.factory import resolve_delta_timestamps
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.policies import make_policy
 from lerobot.utils.constants import ACTION
 from lerobot.utils.feature_utils import dataset_to_policy_features
 from lerobot.utils.import_utils import register_third_party_plugins
@@ -19,14 +19,16 @@ from lerobot.utils.utils import init_logging
 
 from lerobot_gloves.adapter import Adapter
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
-from lerobot_gloves.checkpoints.features import check_features
-from lerobot_gloves.checkpoints.held_out import held_out_episodes, load_metadata
-from lerobot_gloves.checkpoints.processors import load_processors
-from lerobot_gloves.checkpoints.scoring import Decisions, score_dataset
+from lerobot_gloves.checkpoints.configuration import checkpoint_config
+from lerobot_gloves.checkpoints.features import check_features, check_rate
+from lerobot_gloves.checkpoints.held_out import HeldOutConfig, held_out_episodes, load_metadata, training_config
+from lerobot_gloves.checkpoints.loading import load_policy
+from lerobot_gloves.checkpoints.scoring import Decisions, default_lengths, score_dataset
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.recording.sources import expert_episodes, healthy_episodes
 from lerobot_gloves.scores.score import needs_posterior
 from lerobot_gloves.specification import parse_all, specification
+from lerobot_gloves.system.values import NOTHING, text_value
 
 CHUNKS_OF = ("expert", "agent")
 
@@ -43,8 +45,9 @@ class CalibrateConfig:
     """
 
     # The episodes; --dataset.episodes picks some. By default, of the dataset that the adapter was trained on, those
-    # that --dataset.eval_split held out of training, and of another dataset all.
-    dataset: DatasetConfig
+    # that --dataset.eval_split held out of training, and of another dataset all. Root, revision, video_backend and
+    # depth_output_unit are the training's unless they are named.
+    dataset: HeldOutConfig
     # Whose chunks are taken of it: expert, or agent, those of an unperturbed agent's successes.
     chunks_of: str = "expert"
     # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
@@ -56,9 +59,15 @@ class CalibrateConfig:
     )
     # Every how many frames of an expert's episode a chunk begins; an agent's begin where it was asked.
     stride: int = 5
+    # How many actions the agents' proposals have, as in [15, 50]. By default every number up to the adapter's chunk, of
+    # chunks of more than 20 the whole, the half, the quarter and 1. A proposal between two of them is judged by as many
+    # of its actions as the smaller one says.
+    lengths: list[int] | None = None
+    # How far the time stamps of frames may be off, in seconds; by default what the training allowed.
+    tolerance_s: float | None = None
     # Chunks scored at once.
     batch_size: int = 64
-    # Whether to add the calibration to the checkpoint's Hub repository.
+    # Whether to add the calibration to the checkpoint's Hub repository, to the branch --policy.pretrained_revision.
     push_to_hub: bool = False
 
     def __post_init__(self) -> None:
@@ -66,6 +75,8 @@ class CalibrateConfig:
             raise ValueError(f"unknown chunks_of {self.chunks_of!r}: choose from {', '.join(CHUNKS_OF)}")
         if not self.scores:
             raise ValueError("scores is empty: name at least one, such as reverse:steps=1")
+        if self.lengths is not None and min(self.lengths, default=0) < 1:
+            raise ValueError(f"lengths is {self.lengths}, but must hold numbers of at least 1")
         for name in ("stride", "batch_size"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, but must be at least 1")
@@ -77,8 +88,15 @@ class CalibrateConfig:
                 f"{path} is no folder: download the checkpoint and give its folder, "
                 "or add --push_to_hub=true to calibrate it on the Hub"
             )
-        self.policy = PreTrainedConfig.from_pretrained(path, cli_overrides=parser.get_cli_overrides("policy"))
+        typed, written = parser.get_cli_overrides("policy") or [], parser.get_yaml_overrides("policy")
+        # The configuration is the revision's as well, so that it has to be known before it is read.
+        revision = parser.parse_arg("pretrained_revision", [*typed, *written])
+        revision = None if revision is None or revision in NOTHING else text_value(revision)
+        self.policy = checkpoint_config("policy.path", path, [*written, *typed], revision)
+        self.policy.pretrained_revision = revision
         self.policy.pretrained_path = Path(path)
+        if self.push_to_hub and Path(path).is_dir() and not self.policy.repo_id:
+            raise ValueError(f"{path} says nothing of a Hub repository to push to: name one by --policy.repo_id")
 
     @classmethod
     def __get_path_fields__(cls) -> list[str]:
@@ -89,81 +107,137 @@ class CalibrateConfig:
 def calibrate(cfg: CalibrateConfig) -> Calibration:
     """Run `gloves calibrate`."""
     assert cfg.policy is not None
-    path = str(cfg.policy.pretrained_path)
-    meta = load_metadata(cfg.dataset)
-    preprocess, _ = load_processors(cfg.policy, path, cfg.policy.device)
+    path, revision = str(cfg.policy.pretrained_path), cfg.policy.pretrained_revision
+    # What was calibrated on the Hub belongs to where it came from, whatever its configuration was once pushed to.
+    repo_id = str(cfg.policy.repo_id) if Path(path).is_dir() else path
+    if cfg.push_to_hub and revision:
+        _check_branch(repo_id, revision)
+    training = training_config(Path(path), revision)
+    data = cfg.dataset.completed(training)
+    meta = load_metadata(data)
+    check_rate(getattr(cfg.policy, "fps", None), meta.repo_id, meta.fps, "--policy.fps=null")
+    loaded = load_policy(cfg.policy, str(cfg.policy.device))
+    adapter, preprocess = loaded.policy.requires_grad_(False), loaded.preprocess
     renamed = {key: name for step in preprocess.steps for key, name in getattr(step, "rename_map", {}).items()}
     given = {renamed.get(key, key): one for key, one in dataset_to_policy_features(meta.features).items()}
     needed = {**(cfg.policy.input_features or {}), **(cfg.policy.output_features or {})}
     check_features("the adapter", needed, meta.repo_id, given)
-    episodes, length = held_out_episodes(cfg.policy, cfg.dataset, meta), None
+    episodes, length = held_out_episodes(training, data, meta), None
     if cfg.chunks_of == "expert":
         episodes = expert_episodes(episodes, meta)
     else:
         episodes, length = healthy_episodes(episodes, meta)
-    adapter = make_policy(cfg.policy, ds_meta=meta).eval().requires_grad_(False)
     weights = weights_hash(adapter.state_dict())
     if not isinstance(adapter, Adapter) or not adapter.scores:
         raise ValueError(f"{path} is a policy of type {cfg.policy.type!r}, which scores nothing: calibrate an adapter")
     asked = [score for text in cfg.scores for score in parse_all(text, adapter.scores, "score")]
     scores = {specification(score, adapter.scores): score for score in asked}
-    decisions = _decisions(adapter, cfg.stride, length, any(map(needs_posterior, asked)))
+    ends = [int(meta.episodes["length"][episode]) for episode in episodes]
+    decisions = _decisions(adapter, cfg, length, max(ends), any(map(needs_posterior, asked)))
     dataset = LeRobotDataset(
-        cfg.dataset.repo_id,
-        root=cfg.dataset.root,
+        data.repo_id,
+        root=data.root,
         episodes=episodes,
         # Of actions what is scored, whatever window the adapter was trained on.
         delta_timestamps={
             **(resolve_delta_timestamps(cfg.policy, meta) or {}),
             ACTION: [index / meta.fps for index in decisions.indices],
         },
-        revision=cfg.dataset.revision,
-        video_backend=cfg.dataset.video_backend,
+        revision=data.revision,
+        video_backend=data.video_backend,
+        depth_output_unit=data.depth_output_unit,
+        tolerance_s=_tolerance(cfg, training),
     )
     table, episode_of = score_dataset(adapter, preprocess, dataset, scores, decisions, cfg.batch_size)
     calibration = Calibration(
         scores=table,
-        repo_id=cfg.dataset.repo_id,
-        revision=str(cfg.dataset.revision or meta.revision),
+        repo_id=data.repo_id,
+        revision=str(data.revision or meta.revision),
         episodes=tuple(episodes),
         weights=weights,
         guidance=getattr(cfg.policy, "guidance", 1.0),
         episode_of=tuple(episode_of),
+        lengths=tuple(decisions.lengths),
     )
+    counts = len(episode_of), len(set(episode_of))
     if Path(path).is_dir():
         calibration.save(Path(path))
-        counts = len(episode_of), len(set(episode_of))
         logging.info("%d chunks of %d episodes -> %s", *counts, Path(path) / CALIBRATION_NAME)
+    logging.info("%s", _enough_for(calibration, sum(end < decisions.length for end in ends), decisions.length))
     if cfg.push_to_hub:
-        _push(calibration, cfg.policy.repo_id or path)
+        _push(calibration, repo_id, revision)
     return calibration
 
 
-def _decisions(adapter: Any, every: int, length: int | None, told: bool) -> Decisions:
-    """Which chunks are scored: the expert's, or, of so many actions, an agent's; `told` what came before.
+def _decisions(adapter: Any, cfg: CalibrateConfig, length: int | None, longest: int, told: bool) -> Decisions:
+    """Which chunks are scored: the expert's, or, of `length` actions, an agent's; `told` what came before.
 
     Raises:
-        ValueError: If an agent's chunks are longer than the adapter's: what they were cut to under later observations
-            is not recorded.
+        ValueError: If a length is longer than the adapter's chunk or than every episode, or an agent's chunks are
+            longer than the adapter's: what they were cut to under later observations is not recorded.
     """
     size, history = adapter.config.chunk_size, getattr(adapter, "history", 0) if told else 0
-    if length is None:
-        return Decisions(size, every, adapter.stride if history else 1, history)
-    if length > size:
+    if length is not None and length > size:
         raise ValueError(f"the agent proposed {length} actions at a time, but the adapter corrects {size} at most")
-    return Decisions(length, length, length, history)
+    limit = min(length or size, longest)
+    lengths = tuple(sorted(set(cfg.lengths))) if cfg.lengths else default_lengths(limit)
+    if lengths[-1] > limit:
+        what = "the longest episode has" if longest < (length or size) else "a chunk has"
+        raise ValueError(f"lengths holds {lengths[-1]}, but {what} {limit} actions")
+    if length is not None:
+        return Decisions(lengths, length, length, history)
+    return Decisions(lengths, cfg.stride, adapter.stride if history else 1, history)
 
 
-def _push(calibration: Calibration, repo_id: str) -> None:
+def _tolerance(cfg: CalibrateConfig, training: TrainPipelineConfig | None) -> float:
+    if cfg.tolerance_s is not None:
+        return cfg.tolerance_s
+    return TrainPipelineConfig.tolerance_s if training is None else training.tolerance_s
+
+
+def _enough_for(calibration: Calibration, short: int, length: int) -> str:
+    """One line on what the chunks are too few for, so that it is not the evaluation that says it."""
+
+    def least(by_episode: bool) -> str:
+        found = {name: calibration.smallest_alpha(name, by_episode=by_episode) for name in calibration.scores}
+        # Rounded up: a figure of the line is to be one that works.
+        rounded = {name: f"{math.ceil(1e4 * alpha - 1e-9) / 1e4:g}" for name, alpha in found.items()}
+        if len(set(rounded.values())) == 1:
+            return next(iter(rounded.values()))
+        return " and ".join(f"{alpha} by {name}" for name, alpha in rounded.items())
+
+    line = (
+        f"the smallest alpha of a gate: {least(False)} of chunks, {least(True)} of episodes (alpha_of=episodes); "
+        "of joined scores times their number"
+    )
+    return line + (f"; {short} episodes are shorter than {length} actions and not among them" if short else "")
+
+
+def _check_branch(repo_id: str, revision: str) -> None:
+    """Refuse to calibrate a revision that nothing can be pushed to.
+
+    Raises:
+        ValueError: If it is no branch.
+    """
+    branches = [branch.name for branch in HfApi().list_repo_refs(repo_id).branches]
+    if revision not in branches:
+        raise ValueError(
+            f"nothing can be pushed to {revision} of {repo_id}, which is no branch: choose from {', '.join(branches)}, "
+            "or download it and calibrate the folder"
+        )
+
+
+def _push(calibration: Calibration, repo_id: str, branch: str | None) -> None:
     with TemporaryDirectory() as folder:
         calibration.save(Path(folder))
         HfApi().upload_file(
             path_or_fileobj=Path(folder) / CALIBRATION_NAME,
             path_in_repo=CALIBRATION_NAME,
             repo_id=repo_id,
+            revision=branch,
             commit_message="Calibrate the gate",
         )
-    logging.info("pushed %s to %s", CALIBRATION_NAME, repo_id)
+    logging.info("pushed %s to %s%s", CALIBRATION_NAME, repo_id, f" at {branch}" if branch else "")
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
-from lerobot_gloves.checkpoints.features import check_features
+from lerobot_gloves.checkpoints.features import SAME_RATE, check_features, check_rate
 from lerobot_gloves.perturbations import parse_perturbation, written_out
 
 
@@ -61,9 +61,13 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
         **corrected: The wrapper's options for its adapter; without any the agent is not corrected.
 
     Raises:
-        ValueError: If the agent is made for other observations or actions.
+        ValueError: If the agent is made for other observations or actions, or the adapter for another rate.
     """
     own = checkpoint_config("agent", agent)
+    if adapter := corrected.get("adapter"):
+        # The wrapper is not told the rate of an environment that is not ours.
+        known = checkpoint_config("adapter", adapter, corrected.get("adapter_overrides", ()))
+        check_rate(getattr(known, "fps", None), env.type, env.fps, SAME_RATE)
     config = make_policy_config(
         "gloves",
         agent=agent,

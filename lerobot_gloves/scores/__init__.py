@@ -2,6 +2,7 @@
 
 from lerobot_gloves.scores.correction import CorrectionScore
 from lerobot_gloves.scores.joint import Joint
+from lerobot_gloves.scores.leading import Leading
 from lerobot_gloves.scores.likelihood import LikelihoodScore
 from lerobot_gloves.scores.residual import ResidualScore
 from lerobot_gloves.scores.reverse import ReverseScore
@@ -21,6 +22,7 @@ __all__ = [
     "SCORES",
     "CorrectionScore",
     "Joint",
+    "Leading",
     "LikelihoodScore",
     "ResidualScore",
     "ReverseScore",

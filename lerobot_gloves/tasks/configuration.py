@@ -20,7 +20,15 @@ _KEYS = {"agent_pos": OBS_STATE, "environment_state": OBS_ENV_STATE, "goal": OBS
 
 
 class ClippedAction(PolicyFeature):
-    """An action that the environment itself clips to what it takes, so that it may be any number."""
+    """An action of a task of ours, which it clips itself to what it takes, so that it may be any number.
+
+    Of an environment a policy is told no more than its features: what LeRobot's commands know beside them goes here.
+
+    Attributes:
+        fps: Actions a second.
+    """
+
+    fps = CONTROL_HZ
 
 
 @dataclass

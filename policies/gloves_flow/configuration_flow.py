@@ -81,6 +81,9 @@ class FlowConfig(PreTrainedConfig):
     # What each entry of an action is; LeRobot fills it in from the dataset. null: nobody knows.
     action_feature_names: list[str] | None = None
 
+    # Frames a second of the data, which training fills in; null: nobody knows.
+    fps: float | None = None
+
     exclude_features: list[str] = field(default_factory=list)  # Observations that the flow is not conditioned on.
 
     def __post_init__(self) -> None:

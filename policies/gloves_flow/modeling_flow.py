@@ -7,7 +7,7 @@ import logging
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import torch
 from huggingface_hub import ModelCard
@@ -26,6 +26,9 @@ from lerobot_gloves.generators import Episodes, randn, spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
 
 from .configuration_flow import FlowConfig
+
+if TYPE_CHECKING:
+    from lerobot.datasets import LeRobotDatasetMetadata
 
 RAW, AVERAGED = "network.", "ema.module."
 
@@ -48,9 +51,11 @@ class FlowPolicy(PreTrainedPolicy):
     about = "A flow over chunks of actions."
     """What it is for, in a sentence or two of its model card."""
 
-    def __init__(self, config: FlowConfig, **_: object):
+    def __init__(self, config: FlowConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **_: object):
         super().__init__(config)
         config.validate_features()
+        if dataset_meta is not None:
+            config.fps = dataset_meta.fps
         self.network = self.make_network(
             config,
             width=config.width,

@@ -92,7 +92,7 @@ def test_each_source_is_sampled_from_its_own_flow_and_ifae_carries_one_to_the_ot
     policy = make_policy(
         "gloves_align_flow", width=32, dropout=0.0, context_dropout=0.0, ema_decay=0.9, optimizer_lr=5e-3
     )
-    policy._fps = 20
+    policy.config.fps = 20
     policy.config.agent_source = "noised"
     optimizer = policy.config.get_optimizer_preset().build(policy.get_optim_params())
 

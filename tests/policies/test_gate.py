@@ -1,10 +1,12 @@
 """The wrapper's gate with several scores, and by episode."""
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
 
+from lerobot_gloves.checkpoints.calibration import Calibration
 from lerobot_gloves.scores import Joint, ResidualScore, ReverseScore
 from tests.builders import FLOW, calibrate, observation, save_policy, wrap
 
@@ -105,3 +107,14 @@ def test_calibrated_by_infinite_scores_it_would_let_all_pass(folder, agent):
     with pytest.raises(ValueError, match="of 10 in 106 calibration chunks reverse:steps=1 is infinite: the gate would"):
         wrap(agent, adapter=adapter, gate=True, alpha=0.05)
     assert wrap(agent, adapter=adapter, gate=True, alpha=0.2)._corrector.gate.test(4).thresholds[0] < 97
+
+
+def test_who_only_writes_scores_down_needs_no_calibrated_length(folder, agent):
+    adapter = adapter_of(folder, "long", {REVERSE: torch.arange(1.0, 100.0)})
+    calibration = Calibration.load(adapter)
+    replace(calibration, scores={REVERSE: calibration.scores[REVERSE][:1]}, lengths=(5,)).save(adapter)
+    policy = wrap(agent, adapter=adapter, method="none", log=folder / "long.jsonl")
+    policy.select_action(observation(2))
+    assert policy.correction.score.isfinite().all() and policy.correction.p_value is None
+    with pytest.raises(ValueError, match="the calibration holds lengths 5, but a proposal has 4 actions: run gloves"):
+        wrap(agent, adapter=adapter, gate=True).select_action(observation(2))

@@ -32,7 +32,7 @@ def test_such_a_device_refuses():
 @pytest.mark.parametrize("kind", ["gloves_flow_policy", *ADAPTERS])
 def test_training_and_inference_need_no_double_precision(kind):
     policy = make_policy(kind)
-    policy._fps = 20
+    policy.config.fps = 20
     actions = {"gloves_align_flow": 2 * T - 1, "gloves_copilot": 2 * policy.config.n_action_steps + T}.get(kind, T)
     batch = {
         **observation(4),
@@ -58,7 +58,7 @@ def test_the_row_of_a_proposal_is_exact_in_single_precision():
     """An agent's longest episode: each row is told from its timestamp to which action of its block it belongs."""
     policy = make_policy("gloves_align_flow")
     for fps in (7, 20, 30, 50, 60):
-        policy._fps, rows = fps, torch.tensor([0, 1, 5, 6, 1_001, 65_537, 999_999, 3_999_998])
+        policy.config.fps, rows = fps, torch.tensor([0, 1, 5, 6, 1_001, 65_537, 999_999, 3_999_998])
         batch = {
             "action": torch.arange(2 * T - 1.0)[None, :, None].expand(len(rows), -1, 2),
             "action_is_pad": torch.zeros(len(rows), 2 * T - 1, dtype=torch.bool),

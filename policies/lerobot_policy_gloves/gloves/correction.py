@@ -7,12 +7,13 @@ from typing import Any
 
 import torch
 from lerobot.configs import PreTrainedConfig
+from lerobot.utils.constants import ACTION
 from torch import Tensor
 
-from lerobot_gloves.adapter import Adapter, pad
+from lerobot_gloves.adapter import Adapter, BoundAdapter, pad
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
-from lerobot_gloves.checkpoints.features import check_features
+from lerobot_gloves.checkpoints.features import SAME_RATE, check_features, check_rate
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.checkpoints.statistics import Constants, action_range
 from lerobot_gloves.specification import name_of, parse_all, parse_optional, specification
@@ -114,8 +115,9 @@ class Corrector:
             editor = name_of(specification(self.editor, self.adapter.editors))
             what = "the gate" if config.gate else editor if by_editor else f"--policy.score={config.score}"
             raise ValueError(
-                f"{what} needs a calibration, and {adapter} has none: run gloves calibrate "
-                f"--policy.path={adapter} --dataset.repo_id=<held-out expert episodes>"
+                f"{what} needs a calibration, and {adapter} has none: run gloves calibrate --policy.path={adapter} "
+                + (f"--policy.pretrained_revision={config.adapter_revision} " if config.adapter_revision else "")
+                + "--dataset.repo_id=<held-out expert episodes>"
             )
         guidance = getattr(adapter_config, "guidance", 1.0)
         if needed and calibration is not None and guidance != calibration.guidance:
@@ -167,14 +169,19 @@ class Corrector:
         proposals = torch.stack([*(pad(past, self.chunk_size) for past in history), chunk], dim=1)
         batch = self._normalised({**told, "action": proposals})
         *before, chunk = batch["action"].unbind(dim=1)
-        past = {"history": torch.stack(before, dim=1) if before else None} if self.history else {}
-        bound, test = self.adapter.bind(batch, **past), self.gate.test(length)
-        scores = self.gate.score(bound, chunk, length) if self.scored else None
+        bound, scorer = self._bound(batch, before), None
+        if self.scored:
+            # Proposals were calibrated beside last ones of their own length.
+            judged = self.gate.judged(length)
+            cut = [pad(past[:, :judged], self.chunk_size) for past in before]
+            scorer = bound if judged == length or not before else self._bound(batch, cut)
+        test = self.gate.test(length)
+        scores = None if scorer is None else self.gate.score(scorer, chunk, length)
         # Masks stay on the CPU, where the actions are; they may index tensors on any device.
         p_value, admitted = None, torch.zeros(len(chunk), dtype=torch.bool)
         if self.gated and test is not None and scores is not None:
             p_value, admitted = test.p_value(scores), test.admits(scores).cpu()
-        evaluations = torch.full((len(chunk),), float(bound.evaluations))
+        evaluations = torch.full((len(chunk),), float(bound.evaluations if scorer is None else scorer.evaluations))
         executed, distance = proposal.clone(), torch.zeros(len(chunk))
         edited = ~admitted if self.editor is not None else torch.zeros_like(admitted)
         if edited.any():
@@ -192,7 +199,7 @@ class Corrector:
             if not torch.equal(kept, raw):
                 seen = {key: value[edited] for key, value in told.items()}
                 result = self._normalised({**seen, "action": kept})["action"]
-            moved = (result - chunk[edited])[:, :length]
+            moved = result[:, :length] - chunk[edited][:, :length]
             if (constant := self.constants.action) is not None:
                 kept = torch.where(constant.to(kept.device), executed[edited], kept)
                 moved[..., constant] = 0
@@ -204,6 +211,12 @@ class Corrector:
         score = None if scores is None else self.gate.summary(scores, length)
         each = {} if scores is None else dict(zip(self.gate.names, scores, strict=True))
         return Correction(executed, score, each, p_value, edited, distance, evaluations, milliseconds)
+
+    def _bound(self, batch: dict[str, Tensor], before: Sequence[Tensor]) -> BoundAdapter:
+        """The adapter bound to observations and, if it reads them, to the last proposals, normalised (B, T, A) each."""
+        if not self.history:
+            return self.adapter.bind(batch)
+        return self.adapter.bind(batch, torch.stack(list(before), dim=1) if before else None)
 
     def _normalised(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         """What the adapter sees of raw observations and actions: no more of a constant than in its training."""
@@ -240,7 +253,7 @@ def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, tuple[Any, ...]
 
 
 def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
-    """Refuse an adapter whose actions or observations are not the agent's; the environment may give it more vectors.
+    """Refuse an adapter whose actions, observations or rate are not the agent's; it may be given more vectors.
 
     Actions are compared by size and, where both say what their entries are, by name: of seven numbers, joints and an
     end effector's pose are equally many.
@@ -254,6 +267,9 @@ def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
     check_features("the adapter", needed, "the agent", given, advice=advice)
     if agent.output_features:  # else only its actions will tell
         check_features("the adapter", adapter.output_features or {}, "the agent", agent.output_features)
+    rate, action = getattr(adapter, "fps", None), agent.output_features.get(ACTION)
+    check_rate(rate, "the agent", getattr(agent.agent_config, "fps", None), SAME_RATE)
+    check_rate(rate, "the environment", getattr(action, "fps", None), SAME_RATE)  # if it is a task of ours
     ours, theirs = (_action_names(one) for one in (agent.agent_config, adapter))
     if ours and theirs and ours != theirs:
         raise ValueError(

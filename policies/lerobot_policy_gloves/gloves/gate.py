@@ -1,19 +1,22 @@
 """The gate of a wrapper: the scores that it names, and what the adapter's calibration says of them."""
 
+import logging
 import math
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from lerobot_gloves.adapter import Adapter, BoundAdapter
+from lerobot_gloves.adapter import Adapter, BoundAdapter, pad
 from lerobot_gloves.checkpoints.calibration import Calibration
 from lerobot_gloves.conformal import JointGate
-from lerobot_gloves.scores import Joint
+from lerobot_gloves.scores import Joint, Leading
 from lerobot_gloves.scores.joint import excess
 from lerobot_gloves.specification import specification
 
 from .configuration_gloves import GlovesConfig
+
+logger = logging.getLogger(__name__)
 
 
 class Gate:
@@ -46,23 +49,49 @@ class Gate:
         self._alpha, self._by_episode = config.alpha, config.alpha_of == "episodes"
         known = calibration is not None and all(name in calibration.scores for name in self.names)
         self._calibration = calibration if needed or known else None
+        self._needed = needed
         self._tests: dict[int, JointGate] = {}
-        test = self.test(1)  # what is wrong shall not wait for the first chunk
-        if needed and test is not None and config.alpha > 0:
-            self._check(test)
+        self._judged: dict[int, int] = {}
+        # What is wrong shall not wait for the first chunk that has such a length.
+        for length in calibration.calibrated if needed and calibration is not None else ():
+            if (test := self.test(length)) is not None and config.alpha > 0:
+                self._check(test)
+
+    def judged(self, length: int) -> int:
+        """How many of a proposal's actions are scored, the first ones; all where nothing is compared.
+
+        A test is of chunks as long as those that it was calibrated on. Of a proposal that is between two calibrated
+        lengths as many count as the shorter one has.
+
+        Raises:
+            ValueError: If all calibrated lengths are longer.
+        """
+        if self._calibration is None or not self.names or not self._needed:
+            return length
+        if length not in self._judged:
+            self._judged[length] = judged = self._calibration.judged(length)
+            if judged < length:
+                told = (
+                    "gloves: proposals of %d actions are judged by their first %d: calibrate that length by --lengths"
+                )
+                logger.warning(told, length, judged)
+        return self._judged[length]
 
     def test(self, length: int) -> JointGate | None:
         """The test of proposals of that many actions; None if nobody needs one and a score is uncalibrated."""
-        if self._calibration is None or not self.names:
+        judged = self.judged(length)
+        if self._calibration is None or not self.names or judged not in self._calibration.calibrated:
             return None
-        if length not in self._tests:
-            tables = [self._calibration.of(name, length, by_episode=self._by_episode) for name in self.names]
-            self._tests[length] = JointGate(tables, self._alpha)
-        return self._tests[length]
+        if judged not in self._tests:
+            tables = [self._calibration.of(name, judged, by_episode=self._by_episode) for name in self.names]
+            self._tests[judged] = JointGate(tables, self._alpha)
+        return self._tests[judged]
 
     def score(self, bound: BoundAdapter, chunk: Tensor, length: int) -> Tensor:
-        """Scores (m, B) of proposals (B, T, A) of which `length` actions count."""
-        return torch.stack([bound.score(chunk, score, length=length) for score in self.scores])
+        """Scores (m, B) of proposals (B, T, A) of `length` actions, of which as many count as are judged."""
+        judged = self.judged(length)
+        leading = pad(chunk[:, :judged], chunk.shape[1])
+        return torch.stack([bound.score(leading, score, length=judged) for score in self.scores])
 
     def summary(self, scores: Tensor, length: int) -> Tensor:
         """One number (B,) for each proposal of scores (m, B): the score, or of several the worst one's excess."""
@@ -74,10 +103,11 @@ class Gate:
 
     def aim(self, length: int) -> tuple[Any, float | None]:
         """The score that an editor may ask, and the largest value that passes; None without one, or a calibration."""
-        test = self.test(length)
-        if test is None or len(self.scores) == 1:
-            return next(iter(self.scores), None), None if test is None else test.thresholds[0]
-        return Joint(self.scores, test.thresholds), 0.0
+        test, judged = self.test(length), self.judged(length)
+        scores = self.scores if judged == length else tuple(Leading(score, judged) for score in self.scores)
+        if test is None or len(scores) == 1:
+            return next(iter(scores), None), None if test is None else test.thresholds[0]
+        return Joint(scores, test.thresholds), 0.0
 
     def _check(self, test: JointGate) -> None:
         unit, shares = "episodes" if self._by_episode else "chunks", len(test.gates)

@@ -50,8 +50,7 @@ class GlovesAlignFlowPolicy(FlowPolicy):
         if dataset_meta is not None:
             config.check_tasks(dataset_meta.tasks.index)
             check_split(config, dataset_meta)
-        super().__init__(config, **kwargs)
-        self._fps = dataset_meta.fps if dataset_meta is not None else None
+        super().__init__(config, dataset_meta=dataset_meta, **kwargs)
 
     def forward(self, batch: dict[str, Tensor], reduction: str = "mean") -> tuple[Tensor, dict]:
         """Flow-matching loss, see `FlowPolicy.forward`.
@@ -65,14 +64,14 @@ class GlovesAlignFlowPolicy(FlowPolicy):
 
     def _chunks(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         """The batch with the chunk of T actions that each row belongs to, and the label of who made it."""
-        if self._fps is None:
+        if self.config.fps is None:
             raise ValueError("gloves_align_flow needs the dataset's frame rate to train: make it by lerobot-train")
         action, device = batch["action"], batch["action"].device
         sources, lengths = zip(*map(source_of, batch["task"]), strict=True)
         if self.training:  # Not from the dataset's list of tasks: --dataset.episodes may have left some out.
             self.config.sources = [source for source in SOURCES if source in {*self.config.sources, *sources}]
         # Of single precision, as not every device has double: exact below four million rows an episode.
-        rows = (batch["timestamp"].float() * self._fps).round().long()
+        rows = (batch["timestamp"].float() * self.config.fps).round().long()
         # An agent's rows come in blocks of one proposal; the expert's each begin a chunk, a block of one row.
         begin = self.config.chunk_size - 1 - rows % torch.tensor(lengths, device=device)
         window = begin[:, None] + torch.arange(self.config.chunk_size, device=device)

@@ -62,7 +62,7 @@ class GlovesCopilotPolicy(FlowPolicy):
     def __init__(
         self, config: GlovesCopilotConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
     ):
-        super().__init__(config, **kwargs)
+        super().__init__(config, dataset_meta=dataset_meta, **kwargs)
         zero, spread = torch.zeros(config.action_feature.shape[0]), torch.ones(config.action_feature.shape[0])
         if dataset_meta is not None:
             known = {name: torch.as_tensor(value) for name, value in dataset_meta.stats["action"].items()}
