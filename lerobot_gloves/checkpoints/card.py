@@ -1,30 +1,36 @@
 """The model card of a flow: what it is for, the command that uses it, what it was trained and calibrated on."""
 
-import json
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from huggingface_hub import ModelCard, ModelCardData
 from lerobot.configs import PreTrainedConfig
-from lerobot.policies import get_policy_class
 
 from lerobot_gloves.checkpoints.calibration import Calibration
 
 CARD_NAME = "README.md"
-TRAINING_NAME = "train_config.json"
+MARK = "<!-- Made anew by every calibration; without this line it is left as it is. -->"
+LEROBOTS = "This policy has been trained and pushed to the Hub using [LeRobot]"
+"""What LeRobot's own cards say."""
 
 
 def policy_card(
-    kind: type, config: PreTrainedConfig, training: Mapping[str, Any], calibration: Calibration | None
+    kind: type,
+    config: PreTrainedConfig,
+    training: Mapping[str, Any],
+    calibration: Calibration | None,
+    repo_id: str | None,
 ) -> ModelCard:
     """The card of a policy whose class says what it is `about`.
 
     Args:
         kind: The policy's class. One with `editors` is an adapter, and its card shows how a policy is wrapped in it.
-        config: The policy's configuration; `repo_id` is where it is pushed to, None for a folder.
+        config: The policy's configuration.
         training: The training's configuration as `train_config.json` holds it; empty where it is not known.
         calibration: What its gate was calibrated on; None for nothing.
+        repo_id: Where it lies on the Hub; None for a folder.
     """
     name: str = config.type
     data, adapter = training.get("dataset") or {}, hasattr(kind, "editors")
@@ -44,28 +50,37 @@ def policy_card(
         known["calibration"] = _calibration(calibration)
     about: str = kind.about  # type: ignore[attr-defined]
     parts = [
-        f"# {config.repo_id or name}",
+        f"# {repo_id or name}",
         about,
-        _use(kind, config.repo_id or "<this folder>", calibration) if adapter else _play(config.repo_id),
+        _use(kind, repo_id or "<this folder>", calibration) if adapter else _play(repo_id),
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in known.items())]),
     ]
-    return ModelCard(f"---\n{header.to_yaml()}\n---\n\n" + "\n\n".join(parts) + "\n")
+    return ModelCard(f"---\n{header.to_yaml()}\n---\n{MARK}\n\n" + "\n\n".join(parts) + "\n")
 
 
-def write_card(folder: Path) -> None:
-    """Write the card of a checkpoint's folder beside it, in the place of the last one.
+def write_card(
+    folder: Path, policy: Any, training: Mapping[str, Any], calibration: Calibration | None, repo_id: str | None
+) -> None:
+    """Write the card of a policy into a folder, in the place of one that was made like it.
 
-    Nothing is written for a policy that is none of this package's: its card is its maker's.
+    Nothing is written for a policy that does not say what it is `about`, as others' do not, nor over a card that
+    somebody has written.
 
-    Raises:
-        ValueError: If its configuration or calibration cannot be read.
+    Args:
+        folder: Where to.
+        policy: The policy.
+        training: See `policy_card`.
+        calibration: See `policy_card`.
+        repo_id: See `policy_card`.
     """
-    config = PreTrainedConfig.from_pretrained(folder)
-    kind = get_policy_class(config.type)
-    if hasattr(kind, "about"):
-        file = folder / TRAINING_NAME
-        training = json.loads(file.read_text()) if file.is_file() else {}
-        policy_card(kind, config, training, Calibration.load(folder)).save(folder / CARD_NAME)
+    if not hasattr(policy, "about"):
+        return
+    file = folder / CARD_NAME
+    there = file.read_text() if file.is_file() else MARK
+    if MARK in there or LEROBOTS in there:
+        policy_card(type(policy), policy.config, training, calibration, repo_id).save(file)
+    else:
+        logging.info("%s is not ours, so it is left as it is", file)
 
 
 def _use(kind: Any, name: str, calibration: Calibration | None) -> str:

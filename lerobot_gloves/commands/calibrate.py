@@ -2,12 +2,15 @@
 
 import logging
 import math
+import shutil
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from huggingface_hub import HfApi
+from huggingface_hub import HfApi, hf_hub_download
+from huggingface_hub.errors import EntryNotFoundError
 from lerobot.configs import PreTrainedConfig, parser
 from lerobot.configs.train import TrainPipelineConfig
 from lerobot.datasets.factory import resolve_delta_timestamps
@@ -19,6 +22,7 @@ from lerobot.utils.utils import init_logging
 
 from lerobot_gloves.adapter import Adapter
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
+from lerobot_gloves.checkpoints.card import CARD_NAME, write_card
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features, check_rate
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig, held_out_episodes, load_metadata, training_config
@@ -159,13 +163,21 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         episode_of=tuple(episode_of),
         lengths=tuple(decisions.lengths),
     )
-    counts = len(episode_of), len(set(episode_of))
+    counts, trained = (len(episode_of), len(set(episode_of))), {} if training is None else training.to_dict()
     if Path(path).is_dir():
         calibration.save(Path(path))
+        write_card(Path(path), adapter, trained, calibration, repo_id if cfg.push_to_hub else None)
         logging.info("%d chunks of %d episodes -> %s", *counts, Path(path) / CALIBRATION_NAME)
     logging.info("%s", _enough_for(calibration, sum(end < decisions.length for end in ends), decisions.length))
     if cfg.push_to_hub:
-        _push(calibration, repo_id, revision)
+        with TemporaryDirectory() as folder:
+            calibration.save(Path(folder))
+            _fetch_card(Path(folder), repo_id, revision)
+            write_card(Path(folder), adapter, trained, calibration, repo_id)
+            HfApi().upload_folder(
+                repo_id=repo_id, folder_path=folder, revision=revision, commit_message="Calibrate the gate"
+            )
+        logging.info("pushed %s to %s%s", CALIBRATION_NAME, repo_id, f" at {revision}" if revision else "")
     return calibration
 
 
@@ -227,17 +239,10 @@ def _check_branch(repo_id: str, revision: str) -> None:
         )
 
 
-def _push(calibration: Calibration, repo_id: str, branch: str | None) -> None:
-    with TemporaryDirectory() as folder:
-        calibration.save(Path(folder))
-        HfApi().upload_file(
-            path_or_fileobj=Path(folder) / CALIBRATION_NAME,
-            path_in_repo=CALIBRATION_NAME,
-            repo_id=repo_id,
-            revision=branch,
-            commit_message="Calibrate the gate",
-        )
-    logging.info("pushed %s to %s%s", CALIBRATION_NAME, repo_id, f" at {branch}" if branch else "")
+def _fetch_card(folder: Path, repo_id: str, revision: str | None) -> None:
+    """Lay the card that a repository has into a folder; nothing if it has none."""
+    with suppress(EntryNotFoundError):
+        shutil.copy(hf_hub_download(repo_id, CARD_NAME, revision=revision), folder / CARD_NAME)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from huggingface_hub import HfApi
+from huggingface_hub import HfApi, ModelCard
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration
 from lerobot_gloves.commands.calibrate import calibrate, main
@@ -52,6 +52,22 @@ def test_of_main_as_before_and_to_where_it_came_from(typed, pushed, online, tmp_
     typed(*options(REPO, root, "--push_to_hub=true"))
     calibrate()
     assert Calibration.load(REPO) is not None and Calibration.load(REPO, "a") is None
+
+
+def test_the_card_is_pushed_with_it_unless_somebody_has_written_one(typed, pushed, online, tmp_path):
+    root = write_dataset(tmp_path / "data", episodes=3).root
+    typed(*options(REPO, root, "--push_to_hub=true"))
+    calibrate()
+    card = ModelCard.load(REPO)
+    assert f"--policy.adapter={REPO}" in card.text and "chunks of 3 episodes of `me/tiny`" in card.text
+    repository = online.repositories["models", REPO]
+    assert "README.md" not in repository.revisions[repository.branches["a"]]
+    HfApi().upload_file(path_or_fileobj=b"# Mine", path_in_repo="README.md", repo_id=REPO)
+    calibrate()
+    assert repository.files["README.md"] == b"# Mine"
+    typed(*options(pushed, root))
+    calibrate()
+    assert "--policy.adapter=<this folder>" in (pushed / "README.md").read_text()
 
 
 @pytest.mark.parametrize("revision", ["v1", "commit"])

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -70,15 +71,21 @@ def test_an_agents_says_how_to_run_it(online):
     assert "lerobot-eval --policy.path=tester/mine" in card.text
 
 
-def test_a_folders_card_is_made_anew_and_another_packages_left_alone(checkpoints, tmp_path):
-    folder = save_policy(tmp_path / "flow", "gloves_expert_flow")
-    write_card(folder)
-    assert "| calibration | none:" in (folder / "README.md").read_text()
-    calibrate(folder)
-    write_card(folder)
-    card = (folder / "README.md").read_text()
-    assert "| calibration | `reverse:steps=1`" in card and str(tmp_path) not in card
-    act = save_policy(tmp_path / "act", "act")
-    (act / "README.md").write_text("mine")
-    write_card(act)
-    assert (act / "README.md").read_text() == "mine"
+def test_a_card_of_ours_or_lerobots_is_made_anew_and_anybody_elses_left_alone(tmp_path):
+    folder = tmp_path / "flow"
+    policy, _ = load(calibrate(save_policy(folder, "gloves_expert_flow")))
+    card = folder / "README.md"
+    write_card(folder, policy, {}, None, None)
+    assert "| calibration | none:" in card.read_text()
+    write_card(folder, policy, {}, policy.calibration, None)
+    assert "| calibration | `reverse:steps=1`" in card.read_text() and str(tmp_path) not in card.read_text()
+    card.write_text((files("lerobot.templates") / "lerobot_modelcard_template.md").read_text())
+    write_card(folder, policy, {}, None, None)
+    assert "| calibration | none:" in card.read_text()
+    mine = card.read_text().replace("<!--", "<!-- mine ")
+    card.write_text(mine)
+    write_card(folder, policy, {}, policy.calibration, None)
+    assert card.read_text() == mine
+    act, _ = load(save_policy(tmp_path / "act", "act"))
+    write_card(tmp_path, act, {}, None, None)
+    assert not (tmp_path / "README.md").exists()
