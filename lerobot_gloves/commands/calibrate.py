@@ -21,6 +21,7 @@ from lerobot_gloves.adapter import Adapter
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
 from lerobot_gloves.checkpoints.features import check_features
 from lerobot_gloves.checkpoints.held_out import held_out_episodes, load_metadata
+from lerobot_gloves.checkpoints.loading import without_peft
 from lerobot_gloves.checkpoints.processors import load_processors
 from lerobot_gloves.checkpoints.scoring import Decisions, score_dataset
 from lerobot_gloves.commands.errors import one_line_errors
@@ -101,7 +102,7 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         episodes = expert_episodes(episodes, meta)
     else:
         episodes, length = healthy_episodes(episodes, meta)
-    adapter = make_policy(cfg.policy, ds_meta=meta).eval().requires_grad_(False)
+    adapter = without_peft(make_policy(cfg.policy, ds_meta=meta)).eval().requires_grad_(False)
     weights = weights_hash(adapter.state_dict())
     if not isinstance(adapter, Adapter) or not adapter.scores:
         raise ValueError(f"{path} is a policy of type {cfg.policy.type!r}, which scores nothing: calibrate an adapter")
