@@ -97,6 +97,10 @@ class GlovesPolicy(PreTrainedPolicy):
     ) -> "GlovesPolicy":
         """A saved wrapper is its configuration; agent and adapter are loaded from where it says."""
         config = config or PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=revision)
+        if not isinstance(config, GlovesConfig):  # a server loads what its client names
+            raise ValueError(
+                f"{pretrained_name_or_path} is a policy of type {config.type!r}, no wrapper that was saved"
+            )
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
