@@ -1,4 +1,4 @@
-"""The `gloves` command: `gloves record`, `gloves calibrate`, `gloves bench`, `gloves report`."""
+"""The `gloves` command, whose commands are modules beside this one."""
 
 import importlib
 import sys
@@ -8,6 +8,7 @@ COMMANDS = {
     "calibrate": "score held-out expert episodes with a trained adapter and store the calibration",
     "bench": "run perturbation x method x seed on a task",
     "demo": "see an imperfect policy get better",
+    "serve": "run LeRobot's policy server, which then knows wrapped policies",
     "report": "turn benchmark rows into tables and plots",
 }
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from lerobot.datasets import LeRobotDatasetMetadata
 
 RAW, AVERAGED = "network.", "ema.module."
+PEFT_TARGETS = ("qkv", "query", "kv", "out", "mlp.0", "mlp.2")
+"""Ends of the names of the layers that PEFT adapts by default: attention and MLPs of the DiT."""
 
 type Tensors = tuple[Tensor, ...] | list[Tensor]
 
@@ -102,7 +104,10 @@ class FlowPolicy(PreTrainedPolicy):
         if not config.pretrained_path:
             config.pretrained_path = pretrained_name_or_path
         policy = super().from_pretrained(pretrained_name_or_path, config=config, **kwargs)
-        policy.calibration = Calibration.load(pretrained_name_or_path, kwargs.get("revision"))
+        if config.use_peft:  # these are the weights that PEFT started from
+            policy.network.load_state_dict(policy.averaged.state_dict())
+        else:
+            policy.calibration = Calibration.load(pretrained_name_or_path, kwargs.get("revision"))
         return policy
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
@@ -149,6 +154,35 @@ class FlowPolicy(PreTrainedPolicy):
         if averaged_only:
             model.network.load_state_dict(model.averaged.state_dict())
         return model
+
+    def wrap_with_peft(self, peft_config: Any = None, peft_cli_overrides: dict | None = None) -> PreTrainedPolicy:
+        """Called by `lerobot-train --peft.method_type=...`: fine-tune the averaged weights, which inference uses.
+
+        PEFT's layers stand in both networks and are averaged like any other weight. PEFT saves its layers alone, so the
+        two must have the frozen weights in common.
+
+        Raises:
+            ValueError: If `--peft.target_modules` names layers of one of the two networks alone.
+        """
+        self.network.load_state_dict(self.averaged.state_dict())
+        wrapped: Any = super().wrap_with_peft(peft_config, peft_cli_overrides)
+        ours, theirs = self.network.state_dict(), self.averaged.state_dict()
+        if ours.keys() != theirs.keys():
+            raise ValueError(
+                "--peft.target_modules must name the layers of the network and of its average alike, by the end of "
+                f"their names, such as qkv, but {min(ours.keys() ^ theirs.keys())} is in one alone"
+            )
+        self.averaged.load_state_dict(ours)  # PEFT draws each layer's first weights by itself
+        self.ema.requires_grad_(False)
+        self.ema.n_averaged.zero_()
+        for config in wrapped.peft_config.values():
+            start = config.base_model_name_or_path
+            if start is not None and Path(start).is_dir():
+                config.base_model_name_or_path = str(Path(start).resolve())  # wherever it will be used from
+        return wrapped
+
+    def _get_default_peft_targets(self) -> dict[str, Any]:
+        return {"target_modules": list(PEFT_TARGETS)}
 
     def get_optim_params(self) -> list[dict]:
         """The image encoders' backbones learn at a rate of their own."""

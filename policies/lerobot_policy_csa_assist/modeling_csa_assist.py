@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import torch
 from huggingface_hub.errors import HFValidationError
@@ -10,6 +10,7 @@ from lerobot.configs import PreTrainedConfig
 from torch import Tensor
 
 from gloves_flow.modeling_flow import FlowPolicy
+from lerobot_gloves.checkpoints.loading import load_weights
 from lerobot_gloves.editors import Reference
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
 
@@ -157,5 +158,5 @@ def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
     config.pretrained_path, config.device = path, student.device
     # Weights are drawn before they are loaded, but a resumed run's draws shall go on where they were.
     with torch.random.fork_rng(devices=[]):
-        policy = CsaAssistPolicy.from_pretrained(path, config=config)
+        policy = cast(CsaAssistPolicy, load_weights(config, merged=True))
     return policy.averaged.requires_grad_(False)

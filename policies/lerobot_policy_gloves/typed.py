@@ -22,6 +22,8 @@ from lerobot.configs import parser
 
 from lerobot_gloves.system.values import NOTHING, text_value
 
+from .gloves.configuration_gloves import note_control_period
+
 OURS = {
     "lerobot_gloves",
     "gloves_flow",
@@ -43,7 +45,9 @@ def install() -> None:
         config_class: type, config_path: Any = None, args: Sequence[str] | None = None, **options: Any
     ) -> Any:
         path = None if config_path is None else os.path.expanduser(config_path)
-        return parse(config_class, path, None if args is None else as_declared(config_class, args), **options)
+        command: Any = parse(config_class, path, None if args is None else as_declared(config_class, args), **options)
+        note_control_period(command)
+        return command
 
     @wraps(get_path_arg)
     def get_path_arg_at_home(field_name: str, args: Sequence[str] | None = None) -> str | None:

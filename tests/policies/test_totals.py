@@ -27,7 +27,7 @@ def test_totals_are_logged_at_the_end(checkpoints, caplog):
         assert "gloves:" not in caplog.text  # other tests may have left loggers talkative
         act(policy, observation(2), 4)
         policy._journal.report()
-    assert "2 chunks, intervention rate 1.000" in caplog.text
+    assert "gloves: 2 chunks, 100.0 % edited, mean distance " in caplog.text
 
 
 def test_the_log_says_which_proposals_were_perturbed(checkpoints, tmp_path):

@@ -6,7 +6,7 @@ The comments above the fields are what LeRobot's `--help` shows; it cannot read 
 from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import draccus
 from lerobot.configs import PolicyFeature, PreTrainedConfig
@@ -31,6 +31,11 @@ for _name, _class in CHOICES.items():
     # for the comments that explain its fields where it says that its source is.
     _source = {key: value for key, value in vars(_class).items() if key in ("__module__", "__firstlineno__")}
     PerturbationConfig.register_subclass(_name)(type(_class.__name__, (_class, PerturbationConfig), _source))
+
+
+def library_perturbation(chosen: PerturbationConfig) -> Perturbation:
+    """The library's own of the perturbation that a configuration chooses."""
+    return CHOICES[chosen.get_choice_name(type(chosen))](**asdict(chosen))
 
 
 @PreTrainedConfig.register_subclass("gloves")
@@ -75,6 +80,8 @@ class GlovesConfig(PreTrainedConfig):
     seed: int = 0
     # File that receives one JSON line a chunk of what the wrapper did.
     log: Path | None = None
+    # Milliseconds between two actions of the program that runs the wrapper; no option, see `note_control_period`.
+    control_period: ClassVar[float | None] = None
     push_to_hub: bool = False  # A wrapper is not trained, so there is nothing to push by itself.
 
     def __post_init__(self) -> None:
@@ -149,3 +156,11 @@ class GlovesConfig(PreTrainedConfig):
     @property
     def reward_delta_indices(self) -> None:
         return None
+
+
+def note_control_period(command: Any) -> None:
+    """Tell a wrapper how often the command that it is parsed for acts, if the command says so: `--fps`, `--env.fps`."""
+    policy = getattr(command, "policy", None)
+    rate = getattr(command, "fps", None) or getattr(getattr(command, "env", None), "fps", None)
+    if isinstance(policy, GlovesConfig) and rate:
+        policy.control_period = 1000 / rate  # type: ignore[misc]

@@ -106,7 +106,7 @@ class Corrector:
         self.history = getattr(self.adapter, "history", 0)
         self.gated = config.gate
         self.scored = bool(scores) and (config.gate or config.log is not None)
-        calibration = Calibration.load(adapter, config.adapter_revision)
+        self.calibration = calibration = Calibration.load(adapter, config.adapter_revision)
         if calibration is not None:
             calibration.check(weights_hash(self.loaded.policy.state_dict()))
         by_editor = getattr(self.editor, "needs_threshold", False)

@@ -20,6 +20,7 @@ from lerobot_gloves.generators import Episodes, spawn
 from lerobot_gloves.perturbations import Perturbation
 from lerobot_gloves.tasks.configuration import ClippedAction
 
+from .activity import start_line
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
 from .decoding import Decoder
@@ -78,9 +79,11 @@ class GlovesPolicy(PreTrainedPolicy):
         if self._corrector is not None and self._clipped:
             self._corrector.bounds = None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
-        self._journal = Journal(config.log)
+        self._journal = Journal(config.log, config.control_period)
         self._episodes = Episodes()
-        weakref.finalize(self, self._journal.report)  # at the latest when the program ends
+        if self._corrector is not None and logger.isEnabledFor(logging.INFO):  # who silences the one wants no other
+            logger.info(start_line(config, self._corrector))
+            weakref.finalize(self, self._journal.report)  # at the latest when the program ends
         self.reset()
 
     @classmethod
@@ -94,6 +97,10 @@ class GlovesPolicy(PreTrainedPolicy):
     ) -> "GlovesPolicy":
         """A saved wrapper is its configuration; agent and adapter are loaded from where it says."""
         config = config or PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=revision)
+        if not isinstance(config, GlovesConfig):  # a server loads what its client names
+            raise ValueError(
+                f"{pretrained_name_or_path} is a policy of type {config.type!r}, no wrapper that was saved"
+            )
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
@@ -129,10 +136,10 @@ class GlovesPolicy(PreTrainedPolicy):
         if self._corrector is not None:
             self._corrector.reset()
         self._episodes.reset()
+        self._journal.reset()
         self.correction: Correction | None = None
         self.running: Tensor | None = None
         self._step = 0
-        self._observed: Tensor | None = None
         self._plan = NOTHING
         self._returned: Tensor | None = None
         self._history: deque[Tensor] = deque(maxlen=0 if self._corrector is None else self._corrector.history)
@@ -154,10 +161,10 @@ class GlovesPolicy(PreTrainedPolicy):
             self._propose(proposal)
         elif self._plan.over and not self._action_queue:
             self._propose(Proposal(action[:, None], 1))
-        running = self._running(batch)
+        self._see(batch, action.shape[0])
         if not self._action_queue:
             window, due = self._plan.take(self._covered)
-            self._action_queue.extend(self._correct(batch, window, running)[:, :due].unbind(dim=1))
+            self._action_queue.extend(self._correct(batch, window)[:, :due].unbind(dim=1))
         self._step += 1
         return self._action_queue.popleft()
 
@@ -200,7 +207,12 @@ class GlovesPolicy(PreTrainedPolicy):
                 f"{origin} a non-finite action in environment {row} at step {self._step}: {chunk[row].tolist()}"
             )
 
-    def _correct(self, observation: dict[str, Any], window: Tensor, running: Tensor) -> Tensor:
+    def _see(self, observation: dict[str, Any], batch_size: int) -> None:
+        """What the environments show, at every step, unless the caller says which of them run."""
+        if self._corrector is not None and self.running is None:
+            self._journal.see(observation, batch_size)
+
+    def _correct(self, observation: dict[str, Any], window: Tensor) -> Tensor:
         """Correct proposed actions (B, n, A) that the observation covers: raw (B, n, A)."""
         if self._corrector is None:
             return window
@@ -223,25 +235,8 @@ class GlovesPolicy(PreTrainedPolicy):
         correction.action[correction.edited] = self._decode.snap(correction.action[correction.edited])
         self.correction = correction
         self._check_finite(correction.action, "the editor returned")
-        self._journal.note(correction, self._episodes.first, self._step, running, self._plan.perturbed)
+        self._journal.note(correction, self._episodes.first, self._step, self.running, self._plan.perturbed)
         return correction.action
-
-    def _running(self, observation: dict[str, Any]) -> Tensor:
-        """Which environments still run, bool (B,): one that has finished before the others of its batch stands still.
-
-        Unless the caller has said so, looks at a sample of each observation, at every step, for what has changed since
-        the last.
-        """
-        if self.running is not None:
-            return self.running
-        tensors = [value for _, value in sorted(observation.items()) if isinstance(value, Tensor) and value.ndim > 1]
-        states = [value.flatten(1) for value in tensors]
-        now = torch.cat([state[:, :: max(1, state.shape[1] // 64)].float() for state in states], dim=1).cpu()
-        before, self._observed = self._observed, now
-        # A single one ends its batch when it finishes; if it stands still, it still runs.
-        if before is None or len(now) == 1:
-            return torch.ones(len(now), dtype=torch.bool)
-        return (now != before).any(dim=1)
 
     def predict_action_chunk(
         self,
@@ -279,8 +274,9 @@ class GlovesPolicy(PreTrainedPolicy):
             self._begin(chunk.shape[0])
             self._step = self._plan.step + (self._plan.executed if ran is None else ran)
             self._propose(Proposal(self._tap.whole(chunk), chunk.shape[1]))
+            self._see(batch, chunk.shape[0])
             window, due = self._plan.take(self._covered)
-            corrected = self._correct(batch, window, self._running(batch))
+            corrected = self._correct(batch, window)
             returned = torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
         self._returned = returned[0].clone()  # whoever asks with a prefix asks for one environment
         return returned

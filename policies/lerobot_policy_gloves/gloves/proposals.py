@@ -38,15 +38,14 @@ class ChunkTap:
     def __init__(self, policy: PreTrainedPolicy):
         self._chunk: Tensor | None = None
         self._sample: Tensor | None = None
-        base: Any = policy.get_base_model() if hasattr(policy, "get_base_model") else policy
         for name in CHUNK_METHODS:
-            if hasattr(base, name):
-                _listen(base, name, self._hear_chunk)
-        for module in base.modules():
+            if hasattr(policy, name):
+                _listen(policy, name, self._hear_chunk)
+        for module in policy.modules():
             if hasattr(module, SAMPLE_METHOD):
                 _listen(module, SAMPLE_METHOD, self._hear_sample)
-        self._config = base.config
-        self._ensembler = getattr(base, "temporal_ensembler", None)
+        self._config: Any = policy.config
+        self._ensembler: Any = getattr(policy, "temporal_ensembler", None)
 
     def _hear_chunk(self, chunk: Any) -> None:
         self._chunk = chunk
