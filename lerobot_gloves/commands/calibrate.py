@@ -4,7 +4,7 @@ import logging
 import math
 import shutil
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,29 +12,23 @@ from typing import Any
 from huggingface_hub import HfApi, hf_hub_download
 from huggingface_hub.errors import EntryNotFoundError
 from lerobot.configs import PreTrainedConfig, parser
-from lerobot.configs.train import TrainPipelineConfig
-from lerobot.datasets.factory import resolve_delta_timestamps
-from lerobot.datasets.lerobot_dataset import LeRobotDataset
-from lerobot.utils.constants import ACTION
-from lerobot.utils.feature_utils import dataset_to_policy_features
 from lerobot.utils.import_utils import register_third_party_plugins
 from lerobot.utils.utils import init_logging
 
-from lerobot_gloves.adapter import Adapter
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
 from lerobot_gloves.checkpoints.card import CARD_NAME, write_card
-from lerobot_gloves.checkpoints.configuration import checkpoint_config
-from lerobot_gloves.checkpoints.features import check_features, check_rate
-from lerobot_gloves.checkpoints.held_out import HeldOutConfig, held_out_episodes, load_metadata, training_config
-from lerobot_gloves.checkpoints.loading import load_policy
+from lerobot_gloves.checkpoints.held_out import HeldOutConfig
+from lerobot_gloves.checkpoints.on_data import named_adapter, open_adapter
 from lerobot_gloves.checkpoints.scoring import Decisions, default_lengths, score_dataset
+from lerobot_gloves.checkpoints.telling import tell, verdict
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.recording.sources import expert_episodes, healthy_episodes
 from lerobot_gloves.scores.score import needs_posterior
 from lerobot_gloves.specification import parse_all, specification
-from lerobot_gloves.system.values import NOTHING, text_value
 
 CHUNKS_OF = ("expert", "agent")
+CHECKED = 200
+"""About how many chunks a first look at the adapter takes; `gloves check` takes more, and says more."""
 
 
 @dataclass
@@ -85,21 +79,15 @@ class CalibrateConfig:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}, but must be at least 1")
         path = parser.get_path_arg("policy")
-        if not path:
-            raise ValueError("gloves calibrate needs --policy.path, the adapter's checkpoint")
-        if not Path(path).is_dir() and not self.push_to_hub:
+        if path and not Path(path).is_dir() and not self.push_to_hub:
             raise ValueError(
                 f"{path} is no folder: download the checkpoint and give its folder, "
                 "or add --push_to_hub=true to calibrate it on the Hub"
             )
-        typed, written = parser.get_cli_overrides("policy") or [], parser.get_yaml_overrides("policy")
-        # The configuration is the revision's as well, so that it has to be known before it is read.
-        revision = parser.parse_arg("pretrained_revision", [*typed, *written])
-        revision = None if revision is None or revision in NOTHING else text_value(revision)
-        self.policy = checkpoint_config("policy.path", path, [*written, *typed], revision)
-        self.policy.pretrained_revision = revision
-        self.policy.pretrained_path = Path(path)
-        if self.push_to_hub and Path(path).is_dir() and not self.policy.repo_id:
+        self.policy = named_adapter()
+        if self.policy is None:
+            raise ValueError("gloves calibrate needs --policy.path, the adapter's checkpoint")
+        if self.push_to_hub and Path(str(path)).is_dir() and not self.policy.repo_id:
             raise ValueError(f"{path} says nothing of a Hub repository to push to: name one by --policy.repo_id")
 
     @classmethod
@@ -116,64 +104,43 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     repo_id = str(cfg.policy.repo_id) if Path(path).is_dir() else path
     if cfg.push_to_hub and revision:
         _check_branch(repo_id, revision)
-    training = training_config(Path(path), revision)
-    data = cfg.dataset.completed(training)
-    meta = load_metadata(data)
-    check_rate(getattr(cfg.policy, "fps", None), meta.repo_id, meta.fps, "--policy.fps=null")
-    loaded = load_policy(cfg.policy, str(cfg.policy.device))
-    adapter, preprocess = loaded.policy.requires_grad_(False), loaded.preprocess
-    renamed = {key: name for step in preprocess.steps for key, name in getattr(step, "rename_map", {}).items()}
-    given = {renamed.get(key, key): one for key, one in dataset_to_policy_features(meta.features).items()}
-    needed = {**(cfg.policy.input_features or {}), **(cfg.policy.output_features or {})}
-    check_features("the adapter", needed, meta.repo_id, given)
-    episodes, length = held_out_episodes(training, data, meta), None
+    opened = open_adapter(cfg.policy, cfg.dataset, cfg.tolerance_s)
+    adapter, meta = opened.adapter, opened.meta
     if cfg.chunks_of == "expert":
-        episodes = expert_episodes(episodes, meta)
+        episodes, length = expert_episodes(opened.episodes, meta), None
     else:
-        episodes, length = healthy_episodes(episodes, meta)
+        episodes, length = healthy_episodes(opened.episodes, meta)
     weights = weights_hash(adapter.state_dict())
-    if not isinstance(adapter, Adapter) or not adapter.scores:
-        raise ValueError(f"{path} is a policy of type {cfg.policy.type!r}, which scores nothing: calibrate an adapter")
     asked = [score for text in cfg.scores for score in parse_all(text, adapter.scores, "score")]
     scores = {specification(score, adapter.scores): score for score in asked}
     ends = [int(meta.episodes["length"][episode]) for episode in episodes]
     decisions = _decisions(adapter, cfg, length, max(ends), any(map(needs_posterior, asked)))
-    dataset = LeRobotDataset(
-        data.repo_id,
-        root=data.root,
-        episodes=episodes,
-        # Of actions what is scored, whatever window the adapter was trained on.
-        delta_timestamps={
-            **(resolve_delta_timestamps(cfg.policy, meta) or {}),
-            ACTION: [index / meta.fps for index in decisions.indices],
-        },
-        revision=data.revision,
-        video_backend=data.video_backend,
-        depth_output_unit=data.depth_output_unit,
-        tolerance_s=_tolerance(cfg, training),
-    )
-    table, episode_of = score_dataset(adapter, preprocess, dataset, scores, decisions, cfg.batch_size)
+    dataset = opened.frames(episodes, decisions.indices)
+    table, episode_of = score_dataset(adapter, opened.preprocess, dataset, scores, decisions, cfg.batch_size)
     calibration = Calibration(
         scores=table,
-        repo_id=data.repo_id,
-        revision=str(data.revision or meta.revision),
+        repo_id=opened.data.repo_id,
+        revision=str(opened.data.revision or meta.revision),
         episodes=tuple(episodes),
         weights=weights,
         guidance=getattr(cfg.policy, "guidance", 1.0),
         episode_of=tuple(episode_of),
         lengths=tuple(decisions.lengths),
     )
-    counts, trained = (len(episode_of), len(set(episode_of))), {} if training is None else training.to_dict()
+    if cfg.chunks_of == "expert" and decisions.length == adapter.config.chunk_size:
+        usable, line = verdict(tell(replace(opened, episodes=episodes), scores, CHECKED, cfg.batch_size))
+        logging.log(logging.INFO if usable else logging.WARNING, "%s", line)
+    counts = len(episode_of), len(set(episode_of))
     if Path(path).is_dir():
         calibration.save(Path(path))
-        write_card(Path(path), adapter, trained, calibration, repo_id if cfg.push_to_hub else None)
+        write_card(Path(path), adapter, opened.trained, calibration, repo_id if cfg.push_to_hub else None)
         logging.info("%d chunks of %d episodes -> %s", *counts, Path(path) / CALIBRATION_NAME)
     logging.info("%s", _enough_for(calibration, sum(end < decisions.length for end in ends), decisions.length))
     if cfg.push_to_hub:
         with TemporaryDirectory() as folder:
             calibration.save(Path(folder))
             _fetch_card(Path(folder), repo_id, revision)
-            write_card(Path(folder), adapter, trained, calibration, repo_id)
+            write_card(Path(folder), adapter, opened.trained, calibration, repo_id)
             HfApi().upload_folder(
                 repo_id=repo_id, folder_path=folder, revision=revision, commit_message="Calibrate the gate"
             )
@@ -199,12 +166,6 @@ def _decisions(adapter: Any, cfg: CalibrateConfig, length: int | None, longest: 
     if length is not None:
         return Decisions(lengths, length, length, history)
     return Decisions(lengths, cfg.stride, adapter.stride if history else 1, history)
-
-
-def _tolerance(cfg: CalibrateConfig, training: TrainPipelineConfig | None) -> float:
-    if cfg.tolerance_s is not None:
-        return cfg.tolerance_s
-    return TrainPipelineConfig.tolerance_s if training is None else training.tolerance_s
 
 
 def _enough_for(calibration: Calibration, short: int, length: int) -> str:

@@ -195,5 +195,5 @@ def test_damaged_processors_are_named(refusal, adapter):
 
 def test_what_scores_nothing_is_not_calibrated(typed, data, tmp_path):
     typed(*common(save_policy(tmp_path / "agent", "act"), data))
-    with pytest.raises(ValueError, match="agent is a policy of type 'act', which scores nothing: calibrate an adapter"):
+    with pytest.raises(ValueError, match="agent is a policy of type 'act', which scores nothing: take an adapter"):
         calibrate()

@@ -1,0 +1,126 @@
+"""`gloves check`: its figures against counts by hand and the calibration's, and its verdict."""
+
+import pytest
+import torch
+from lerobot.configs import PreTrainedConfig
+
+from lerobot_gloves.checkpoints.held_out import HeldOutConfig
+from lerobot_gloves.checkpoints.on_data import open_adapter
+from lerobot_gloves.checkpoints.telling import CLEAN, KINDS, Chunks, tell, verdict, went_wrong
+from lerobot_gloves.commands.calibrate import calibrate
+from lerobot_gloves.commands.check import main
+from lerobot_gloves.scores import ReverseScore
+from tests.builders import FLOW, save_policy, write_dataset
+
+T, NAN = FLOW["chunk_size"], float("nan")
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return write_dataset(tmp_path_factory.mktemp("data") / "tiny", episodes=5, length=15).root
+
+
+@pytest.fixture(scope="module")
+def adapter(tmp_path_factory):
+    return save_policy(tmp_path_factory.mktemp("saved") / "adapter", "gloves_expert_flow", seed=7)
+
+
+def options(folder, data) -> list[str]:
+    return [f"--policy.path={folder}", "--dataset.repo_id=me/tiny", f"--dataset.root={data}", "--scores=[reverse]"]
+
+
+def chunks(clean, wrong, episode=None) -> Chunks:
+    scores = {kind: torch.tensor(wrong).double() for kind in KINDS}
+    return Chunks(
+        {"reverse": {CLEAN: torch.tensor(clean).double(), **scores}}, torch.tensor(episode or [0] * len(clean))
+    )
+
+
+def test_areas_and_shares_are_those_counted_by_hand():
+    """2.5 lies above two of three, 4 above all, 1 above none and beside one: (2 + 3 + 0.5) / 9."""
+    found = chunks([1.0, 2.0, 3.0], [2.5, 4.0, 1.0])
+    assert found.area("reverse", "noised") == pytest.approx((5.5 / 9, 0.0, 1.0)), "one episode tells of no other"
+    assert found.seen("reverse", "noised", 0.0) == pytest.approx(1 / 3)
+    assert found.seen("reverse", "noised", 0.4) == pytest.approx(2 / 3)
+    unreplayed = chunks([1.0, 2.0, 3.0], [NAN, 4.0, 1.0])
+    assert unreplayed.area("reverse", "replayed")[0] == pytest.approx(3.5 / 6)
+    assert unreplayed.seen("reverse", "replayed", 0.0) == 0.5
+
+
+def test_the_interval_is_of_episodes_not_of_chunks():
+    """Four episodes of a hundred equal chunks say no more than four chunks do."""
+    clean, wrong = [0.0, 2.0, 0.0, 2.0], [1.0, 1.0, 3.0, 3.0]
+    few = chunks(clean, wrong, [0, 1, 2, 3]).area("reverse", "noised")
+    many = chunks(
+        [v for v in clean for _ in range(100)],
+        [v for v in wrong for _ in range(100)],
+        [e for e in range(4) for _ in range(100)],
+    ).area("reverse", "noised")
+    assert many == pytest.approx(few) and few[1] < few[0] < few[2]
+
+
+def test_the_verdict_is_that_of_the_best_score_at_its_lower_bound():
+    apart = chunks([0.0] * 20, [1.0] * 20, list(range(20)))
+    assert verdict(apart) == (
+        True,
+        "usable: the area between a context's own chunk and another's is 1.00 by reverse, at least 1.00",
+    )
+    alike = chunks([0.0, 1.0] * 10, [1.0, 0.0] * 10, [row // 2 for row in range(20)])
+    usable, line = verdict(alike)
+    assert (
+        not usable and line.startswith("not usable: ") and "0.50 by reverse, at least 0.50, where 0.6 is needed" in line
+    )
+
+
+def test_what_goes_wrong_does_so_by_as_much_as_it_says():
+    chunk, spread = torch.ones(4000, 3, 2), torch.tensor([1.0, 4.0])
+    wrong = went_wrong(chunk, 2 * chunk, 3 * chunk, spread, torch.Generator().manual_seed(0))
+    assert list(wrong) == list(KINDS)
+    torch.testing.assert_close((wrong["noised"] - chunk).std(dim=(0, 1)), 0.5 * spread, rtol=0.05, atol=0)
+    assert (wrong["scaled"] == 0.5).all() and (wrong["replayed"] == 2).all() and (wrong["another moment"] == 3).all()
+    moved = wrong["shifted"] - chunk
+    assert (moved == moved[:, :1]).all(), "whole chunks"
+    assert {tuple(one) for one in moved[:, 0].tolist()} == {(1.0, 0.0), (0.0, 4.0)}
+
+
+@pytest.mark.parametrize("kind", ["gloves_expert_flow", "gloves_copilot"])
+def test_clean_chunks_score_as_a_calibration_has_them(kind, data, tmp_path, typed):
+    folder = save_policy(tmp_path / "adapter", kind, seed=7)
+    typed(
+        f"--policy.path={folder}",
+        "--dataset.repo_id=me/tiny",
+        f"--dataset.root={data}",
+        "--stride=1",
+        "--scores=[reverse]",
+    )
+    expected = calibrate()
+
+    config = PreTrainedConfig.from_pretrained(folder)
+    config.pretrained_path, config.device = folder, "cpu"
+    opened = open_adapter(config, HeldOutConfig("me/tiny", root=str(data)), None)
+    found = tell(opened, {"reverse": ReverseScore()}, most=1000, batch_size=8)
+    torch.testing.assert_close(
+        found.scores["reverse"][CLEAN].sort().values.float(), expected.of("reverse:steps=1", T).sort().values
+    )
+    assert found.episode.bincount().tolist() == [15 - T + 1] * 5
+    replayed = found.scores["reverse"]["replayed"].isnan()
+    assert replayed.sum() == 5 * min(T, 15 - T + 1), "an episode's first chunks have none before"
+
+
+def test_an_untrained_adapter_is_not_usable_and_its_calibration_says_so(adapter, data, typed, capsys, caplog):
+    typed(*options(adapter, data))
+    calibrate()
+    assert any(r.levelname == "WARNING" and r.message.startswith("not usable: ") for r in caplog.records)
+    with pytest.raises(SystemExit) as exit:
+        main()
+    assert exit.value.code == 1
+    printed = capsys.readouterr().out
+    assert printed.strip().splitlines()[-1].startswith("not usable: ")
+    assert "| reverse:steps=1 | 0.05  |" in printed and "of 5 episodes of me/tiny" in printed
+
+
+def test_without_an_adapter_there_is_one_line(typed, data):
+    typed("--dataset.repo_id=me/tiny", f"--dataset.root={data}")
+    with pytest.raises(SystemExit) as exit:
+        main()
+    assert str(exit.value.code) == "gloves check: gloves check needs --policy.path, the adapter's checkpoint"
