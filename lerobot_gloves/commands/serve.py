@@ -63,7 +63,7 @@ def serve(config: ServeConfig) -> None:
     if listed is not None:
         listed.extend(sorted(plugin_policies() - set(listed)))
     # Who serves knows how often a robot acts, and clients bring wrappers later.
-    PreTrainedConfig.get_choice_class("gloves").control_period = 1000 / config.fps  # type: ignore[attr-defined]
+    PreTrainedConfig.get_choice_class("gloves").control_period = 1000 / config.fps
     try:
         policy_server.serve(PolicyServerConfig(**asdict(config)))
     except RuntimeError as error:
