@@ -37,7 +37,7 @@ def test_the_table_of_options_is_that_of_the_classes():
 
 def test_the_best_of_what_stands_in_a_line_is_bold_and_the_second_best_italic():
     lines = re.findall(rf"^\| \w+, (?:{'|'.join(KINDS)}) +\|(.*)\|$", (ROOT / "docs" / "results.md").read_text(), re.M)
-    assert len(lines) == 16 + 8
+    assert len(lines) == 16 + 12, "the copilot is not played on CAN yet"
     for line in lines:
         entries = [entry.strip() for entry in line.split("|")]
         found = [float(entry.strip("*_")) for entry in entries]
@@ -47,12 +47,13 @@ def test_the_best_of_what_stands_in_a_line_is_bold_and_the_second_best_italic():
 
 
 def test_the_readmes_figures_are_those_of_the_rows():
-    overall = Overall([summarise(read_rows(ROOT / "docs" / "rows" / task))[0] for task in TASKS])
+    overall = Overall([summarise(read_rows(ROOT / "docs" / "rows" / task))[0] for task in TASKS if task != "can"])
     line = re.search(r"^\| perturbed agents \|(.*)\|$", (ROOT / "README.md").read_text(), re.MULTILINE)[1]
     told = [float(figure.strip(" *")) for figure in line.split("|")]
-    assert told == [round(overall.mean(method), 1) for method in ("agent", "FEEG+gate", "IFAE", "CSA")]
+    assert told == [round(overall.mean(method), 1) for method in ("agent", "copilot", "IFAE", "FEEG+gate", "CSA")]
     episodes = sum(result.episodes for result in overall.results("IFAE"))
-    assert f"{len(TASKS)} tasks x 4 perturbations, the same {episodes:,} episodes" in (ROOT / "README.md").read_text()
+    said = f"{len(TASKS) - 1} tasks x 4 perturbations, the same {episodes:,} episodes"
+    assert said in (ROOT / "README.md").read_text()
 
 
 @pytest.mark.slow

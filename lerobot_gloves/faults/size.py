@@ -27,14 +27,14 @@ class Scale(Fault):
 class Offset(Fault):
     """A constant on one entry of the action, to either side: in some of the chunks, or all."""
 
-    # How much, in units of the data's spread: where a task is of half a millimetre, little is much.
-    size: Range = (0.1, 3.0)
+    # How much, in units of the data's spread.
+    size: Range = (0.2, 3.0)
     # Probability that a chunk is shifted.
     p: Range = (0.3, 1.0)
 
     def __call__(self, history: Tensor, units: Units, generator: torch.Generator | None = None) -> Tensor:
         side = torch.where(rand((len(history), 1, 1, 1), generator, like=history) < 0.5, -1.0, 1.0).to(history)
-        shift = side * even(self.size, history, generator, log=True) * one_entry(history, generator)
+        shift = side * even(self.size, history, generator) * one_entry(history, generator)
         return torch.where(happens(self.p, history, generator), history + shift, history)
 
 

@@ -104,15 +104,11 @@ def test_a_share_of_what_is_told_proposals_sees_another_items_context(batch, mon
     new(batch)
     is_of = (seen["tokens"][:, None] == own[None]).flatten(2).all(dim=2).float().view(B, 4000, B)
     alone, again = (seen[name].view(B, 4000) for name in ("alone", "again"))
-    chunks = batch["action"][:, -T:]
-    for item, own in enumerate(torch.eye(B)):
+    for item, own in enumerate(torch.eye(B)):  # an item may meet itself
         assert torch.equal(is_of[item][alone[item]].mean(dim=0), own), "the expert's flow sees its own"
         assert torch.equal(is_of[item][~alone[item] & again[item]].mean(dim=0), own), "a repetition tells nothing"
         others = is_of[item][~alone[item] & ~again[item]].mean(dim=0)
-        # Of eight draws among three the farthest is one, else the next; all eight are itself once in 6,561.
-        farther = (chunks - chunks[item]).square().mean(dim=(1, 2)).argsort(descending=True)[:2]
-        chances = torch.zeros(B).index_put((farther,), torch.tensor([1 - (2 / 3) ** 8, (2 / 3) ** 8 - (1 / 3) ** 8]))
-        torch.testing.assert_close(others, 0.4 * own + 0.6 * chances, rtol=0, atol=0.03)
+        torch.testing.assert_close(others, 0.4 * own + 0.6 / B, rtol=0, atol=0.06)
 
 
 def test_a_repetition_is_the_last_proposal_to_the_bit_where_there_was_one():

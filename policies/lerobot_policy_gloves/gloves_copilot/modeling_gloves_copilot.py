@@ -21,21 +21,6 @@ if TYPE_CHECKING:
     from lerobot.datasets import LeRobotDatasetMetadata
 
 
-OTHERS = 8
-"""Of so many items the one is taken whose context another sees."""
-
-
-def least_alike(chunks: Tensor) -> Tensor:
-    """For each of n chunks (n, T, A) the one that is least like it of `OTHERS` that are drawn at random, (n,).
-
-    One that is like it would be a context that differs in what only a context can tell, as in the last millimetre
-    before a goal, where all episodes look much the same: whoever is shown those learns to distrust what is precise.
-    """
-    drawn = torch.randint(len(chunks), (len(chunks), OTHERS), device=chunks.device)
-    farthest = (chunks[drawn] - chunks[:, None]).square().mean(dim=(-2, -1)).argmax(dim=1)
-    return drawn.gather(1, farthest[:, None])[:, 0]
-
-
 class GlovesCopilotPolicy(FlowPolicy):
     """p(expert's chunk | context, proposal, the last proposals), from demonstrations and randomised faults alone.
 
@@ -123,7 +108,8 @@ class GlovesCopilotPolicy(FlowPolicy):
         tokens = network.encode(batch).repeat_interleave(samples, dim=0)
         swapped = ~alone & ~repeats(proposals, there)[:, -1]
         swapped &= rand(action.shape[:1], None, like=action) < config.context_swap
-        tokens = torch.where(swapped[:, None, None], tokens[least_alike(action)], tokens)
+        other = torch.randint(len(tokens), (len(tokens),), device=tokens.device)
+        tokens = torch.where(swapped[:, None, None], tokens[other], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
         noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
         noise, t = torch.where(of_mean[:, None, None], 0.0, noise), torch.where(of_mean, 0.0, t)
