@@ -1,7 +1,7 @@
 """What an adapter's scores tell apart: an expert's chunks, held out of its training, and the same chunks gone wrong."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -106,7 +106,9 @@ def went_wrong(
 
 
 @torch.no_grad()
-def tell(on_data: AdapterOnData, scores: Mapping[str, Any], most: int, batch_size: int) -> Chunks:
+def tell(
+    on_data: AdapterOnData, scores: Mapping[str, Any], most: int, batch_size: int, kinds: Sequence[str] = KINDS
+) -> Chunks:
     """Score the chunks of held-out episodes, as they are and gone wrong.
 
     Args:
@@ -114,6 +116,7 @@ def tell(on_data: AdapterOnData, scores: Mapping[str, Any], most: int, batch_siz
         scores: The scores by name.
         most: About how many chunks; as many frames lie between two as that asks for, of every episode alike.
         batch_size: Chunks scored at once.
+        kinds: How they go wrong, some of `KINDS`.
 
     Raises:
         ValueError: If no episode is as long as a chunk.
@@ -133,7 +136,7 @@ def tell(on_data: AdapterOnData, scores: Mapping[str, Any], most: int, batch_siz
     if not len(starts):
         raise ValueError(f"no episode is as long as a chunk of the adapter, {size} actions")
     generator, constants = torch.Generator().manual_seed(0), Constants(preprocess)
-    found: dict[str, dict[str, list[Tensor]]] = {name: {kind: [] for kind in (CLEAN, *KINDS)} for name in scores}
+    found: dict[str, dict[str, list[Tensor]]] = {name: {kind: [] for kind in (CLEAN, *kinds)} for name in scores}
     of: list[Tensor] = []
     batches = [[row for row in batch if row in set(starts.tolist())] for batch in alike(dataset, decisions, batch_size)]
     batches = [batch for batch in batches if batch]
@@ -148,9 +151,9 @@ def tell(on_data: AdapterOnData, scores: Mapping[str, Any], most: int, batch_siz
         bound = adapter.bind(normal, **past_told)
         chunk, before = action[at[:, None] + window], action[(at[:, None] + window - size).clamp(min=0)]
         other = action[_elsewhere(starts, episode, at, generator)[:, None] + window]
-        kinds = {CLEAN: chunk, **went_wrong(chunk, before, other, spread, generator)}
-        for kind, raw in kinds.items():
-            wrong = preprocess(constants.hold(rows | {ACTION: raw}))[ACTION]
+        raw = {CLEAN: chunk, **went_wrong(chunk, before, other, spread, generator)}
+        for kind in (CLEAN, *kinds):
+            wrong = preprocess(constants.hold(rows | {ACTION: raw[kind]}))[ACTION]
             for name, score in scores.items():
                 values = bound.score(pad(wrong, size), score).double().cpu()
                 found[name][kind].append(values.masked_fill((frame[at] < size) & (kind == "replayed"), torch.nan))

@@ -23,12 +23,13 @@ from lerobot_gloves.checkpoints.scoring import Decisions, default_lengths, score
 from lerobot_gloves.checkpoints.telling import tell, verdict
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.recording.sources import expert_episodes, healthy_episodes
+from lerobot_gloves.scores import ReverseScore
 from lerobot_gloves.scores.score import needs_posterior
 from lerobot_gloves.specification import parse_all, specification
 
 CHUNKS_OF = ("expert", "agent")
 CHECKED = 200
-"""About how many chunks a first look at the adapter takes; `gloves check` takes more, and says more."""
+"""About how many chunks a first look at the adapter takes, by one score; `gloves check` takes more, and says more."""
 
 
 @dataclass
@@ -128,7 +129,8 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         lengths=tuple(decisions.lengths),
     )
     if cfg.chunks_of == "expert" and decisions.length == adapter.config.chunk_size:
-        usable, line = verdict(tell(replace(opened, episodes=episodes), scores, CHECKED, cfg.batch_size))
+        opened, look = replace(opened, episodes=episodes), {"reverse:steps=5": ReverseScore(steps=5)}
+        usable, line = verdict(tell(opened, look, CHECKED, cfg.batch_size, kinds=["another moment"]))
         logging.log(logging.INFO if usable else logging.WARNING, "%s", line)
     counts = len(episode_of), len(set(episode_of))
     if Path(path).is_dir():

@@ -105,6 +105,7 @@ def test_long_chunks_are_scored_for_four_lengths(typed, agent, tmp_path, monkeyp
     monkeypatch.setattr(DiT, "forward", lambda *given: calls.append(1) or forward(*given))
     calibration = run(typed, adapter, root)
     assert calibration.lengths == (1, 25, 50, 100)
-    assert len(calls) == 4 * (1 + 2 + 5 + 10)
+    look = 2 * 5  # at the chunk and at another, by the five-step score
+    assert len(calls) == 4 * (1 + 2 + 5 + 10) + look
     assert [len(default_lengths(length)) for length in (1, 10, 20, 21, 50, 400)] == [1, 10, 20, 4, 4, 4]
     assert default_lengths(21) == (1, 5, 10, 21)

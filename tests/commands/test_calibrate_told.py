@@ -79,7 +79,7 @@ def test_who_asks_for_no_history_is_told_none(typed, copilot, tmp_path, monkeypa
 
     monkeypatch.setattr(GlovesCopilotPolicy, "bind", spied)
     run(typed, copilot, root, "--scores=[reverse]")
-    assert told == [None], "bound once for all lengths"
+    assert told == [None, None], "bound once for all lengths, and once for a look at the adapter"
     assert Decisions(range(1, 7), every=5).indices == [0, 1, 2, 3, 4, 5]
     assert Decisions([2], every=5, stride=3, history=2).indices == list(range(-6, 2))
 

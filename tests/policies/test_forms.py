@@ -94,7 +94,7 @@ def test_the_command_itself(checkpoints, tmp_path, reference):
     assert result.returncode == 0, result.stderr[-3000:]
     assert journal(tmp_path / "log.jsonl") == reference
     edited = sum(line["edited"] for line in reference) / len(reference)
-    assert f"gloves: {len(reference)} chunks, intervention rate {edited:.3f}" in result.stderr + result.stdout
+    assert f"gloves: {len(reference)} chunks, {100 * edited:.1f} % edited, " in result.stderr + result.stdout
 
 
 @pytest.mark.parametrize(
