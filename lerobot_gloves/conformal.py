@@ -94,3 +94,10 @@ class JointGate:
     def thresholds(self) -> tuple[float, ...]:
         """The threshold of each score."""
         return tuple(gate.threshold for gate in self.gates)
+
+
+def auroc(clean: Tensor, worse: Tensor) -> float:
+    """Probability that a worse chunk scores above a clean one, ties counted half; NaN counts for nothing."""
+    ordered, worse = clean[~clean.isnan()].sort().values, worse[~worse.isnan()]
+    below, most = (torch.searchsorted(ordered, worse, right=right).double() for right in (False, True))
+    return ((below + most) / 2).mean().item() / len(ordered)

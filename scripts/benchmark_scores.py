@@ -27,6 +27,7 @@ import lerobot_gloves.tasks
 import lerobot_policy_gloves  # noqa: F401, registers the policies
 from lerobot_gloves.adapter import BoundAdapter
 from lerobot_gloves.checkpoints.loading import LoadedPolicy, load_policy
+from lerobot_gloves.conformal import auroc
 from lerobot_gloves.evaluation.seeds import VALIDATION
 from lerobot_gloves.perturbations import Noised, Shift, Slow
 from lerobot_gloves.recording.demonstrations import check_recordable, demonstrate
@@ -71,13 +72,6 @@ def made_worse(clean: Tensor, before: Tensor) -> dict[str, Tensor]:
     for perturbation in perturbations.values():
         perturbation.reset(len(clean), seed=0)
     return {"replayed": before, **{name: perturbation(clean) for name, perturbation in perturbations.items()}}
-
-
-def auroc(clean: Tensor, worse: Tensor) -> float:
-    """Probability that a worse chunk scores above a clean one, ties counted half."""
-    ordered = clean.sort().values
-    below, most = (torch.searchsorted(ordered, worse, right=right).double() for right in (False, True))
-    return ((below + most) / 2).mean().item() / len(clean)
 
 
 def power(clean: Tensor, worse: Tensor) -> float:

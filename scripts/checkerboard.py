@@ -24,7 +24,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from lerobot_gloves.conformal import ConformalGate
+from lerobot_gloves.conformal import ConformalGate, auroc
 from lerobot_gloves.flow import VelocityField, flow_matching_loss
 from lerobot_gloves.scores import ReverseScore
 
@@ -131,13 +131,6 @@ class Detector:
         labels = every_class(CALIBRATION_PER_CLASS, of)
         points = sample_cells(labels, torch.Generator().manual_seed(seed))
         return ConformalGate(self(points, labels), alpha=ALPHA)
-
-
-def auroc(usual: Tensor, unusual: Tensor) -> float:
-    """Probability that an unusual score is above a usual one, ties counted half."""
-    usual = usual.sort().values
-    below = torch.searchsorted(usual, unusual, right=False) + torch.searchsorted(usual, unusual, right=True)
-    return (below.double().mean() / (2 * len(usual))).item()
 
 
 def true_scores(detector: Detector, label: int, seed: int) -> Tensor:

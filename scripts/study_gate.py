@@ -20,14 +20,13 @@ from tempfile import TemporaryDirectory
 
 import torch
 import yaml
-from benchmark_scores import auroc
 from lerobot.envs import EnvConfig
 from lerobot.policies import get_policy_class
 from torch import Tensor
 
 import lerobot_policy_gloves  # noqa: F401, registers the policies
 from lerobot_gloves.checkpoints.calibration import Calibration
-from lerobot_gloves.conformal import JointGate
+from lerobot_gloves.conformal import JointGate, auroc
 from lerobot_gloves.evaluation.agent import load_agent
 from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.rollout import rollout

@@ -15,6 +15,7 @@ from lerobot_gloves.adapter import pad
 from lerobot_gloves.checkpoints.on_data import AdapterOnData
 from lerobot_gloves.checkpoints.scoring import Decisions, alike
 from lerobot_gloves.checkpoints.statistics import Constants
+from lerobot_gloves.conformal import auroc
 from lerobot_gloves.scores.score import needs_posterior
 
 KINDS = ("noised", "scaled", "shifted", "replayed", "another moment")
@@ -74,13 +75,6 @@ def verdict(chunks: Chunks) -> tuple[bool, str]:
     )
 
 
-def auroc(clean: Tensor, worse: Tensor) -> float:
-    """Probability that a worse chunk scores above a clean one, ties counted half; NaN counts for nothing."""
-    ordered, worse = clean[~clean.isnan()].sort().values, worse[~worse.isnan()]
-    below, most = (torch.searchsorted(ordered, worse, right=right).double() for right in (False, True))
-    return ((below + most) / 2).mean().item() / len(ordered)
-
-
 def went_wrong(
     chunk: Tensor, before: Tensor, other: Tensor, spread: Tensor, generator: torch.Generator
 ) -> dict[str, Tensor]:
@@ -138,7 +132,8 @@ def tell(
     generator, constants = torch.Generator().manual_seed(0), Constants(preprocess)
     found: dict[str, dict[str, list[Tensor]]] = {name: {kind: [] for kind in (CLEAN, *kinds)} for name in scores}
     of: list[Tensor] = []
-    batches = [[row for row in batch if row in set(starts.tolist())] for batch in alike(dataset, decisions, batch_size)]
+    whole = set(starts.tolist())
+    batches = [[row for row in batch if row in whole] for batch in alike(dataset, decisions, batch_size)]
     batches = [batch for batch in batches if batch]
     window = torch.arange(size)
     for batch, item in zip(batches, tqdm(DataLoader(dataset, batch_sampler=batches), desc="Scoring"), strict=True):
@@ -185,10 +180,10 @@ def _loss(on_data: AdapterOnData, episodes: list[int], most: int, batch_size: in
     adapter = on_data.adapter
     dataset = on_data.frames(episodes, adapter.config.action_delta_indices)
     picked = torch.linspace(0, len(dataset) - 1, min(most, len(dataset))).long().tolist()
-    total: list[Tensor] = []
+    total = 0.0
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         for item in DataLoader(Subset(dataset, picked), batch_size=batch_size):
-            loss, _ = adapter.forward(on_data.preprocess(item), reduction="none")
-            total.append(loss)
-    return torch.cat(total).mean().item()
+            loss, _ = adapter.forward(on_data.preprocess(item))
+            total += loss.item() * len(item[ACTION])
+    return total / len(picked)

@@ -129,7 +129,8 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         lengths=tuple(decisions.lengths),
     )
     if cfg.chunks_of == "expert" and decisions.length == adapter.config.chunk_size:
-        opened, look = replace(opened, episodes=episodes), {"reverse:steps=5": ReverseScore(steps=5)}
+        opened, five = replace(opened, episodes=episodes), {"reverse:steps=5": ReverseScore(steps=5)}
+        look = five if "reverse" in adapter.scores else scores
         usable, line = verdict(tell(opened, look, CHECKED, cfg.batch_size, kinds=["another moment"]))
         logging.log(logging.INFO if usable else logging.WARNING, "%s", line)
     counts = len(episode_of), len(set(episode_of))

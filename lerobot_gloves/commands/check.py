@@ -18,6 +18,8 @@ from lerobot_gloves.system.text import markdown_table
 FORGOTTEN = 1.5
 """A held-out loss of more than so many times the training's is that of demonstrations known by heart."""
 ALPHAS = (0.01, 0.05, 0.1)
+USUAL = ("reverse:steps=1", "reverse:steps=5", "correction")
+"""Scores that are looked at if nobody names any; all of an adapter that has none of them."""
 
 
 @dataclass
@@ -37,7 +39,7 @@ class CheckConfig:
     # The adapter: --policy.path= a checkpoint's folder or Hub id.
     policy: PreTrainedConfig | None = None
     # Nonconformity scores to look at, with their options; by default the one-step and the five-step reverse score, of a
-    # copilot correction as well.
+    # copilot correction as well, of an adapter with others these.
     scores: list[str] = field(default_factory=list)
     # About how many chunks to score, spread over all of the episodes.
     chunks: int = 400
@@ -66,7 +68,8 @@ def check(cfg: CheckConfig) -> bool:
     opened = open_adapter(cfg.policy, cfg.dataset, cfg.tolerance_s)
     opened = replace(opened, episodes=expert_episodes(opened.episodes, opened.meta))
     known = opened.adapter.scores
-    texts = cfg.scores or ["reverse:steps=1", "reverse:steps=5", *(name for name in known if name == "correction")]
+    usual = [text for text in USUAL if text.partition(":")[0] in known]
+    texts = cfg.scores or usual or list(known)
     scores = {specification(one, known): one for text in texts for one in parse_all(text, known, "score")}
     chunks = tell(opened, scores, cfg.chunks, cfg.batch_size)
     usable, line = verdict(chunks)

@@ -1,15 +1,18 @@
 """`gloves check`: its figures against counts by hand and the calibration's, and its verdict."""
 
+import shutil
+
 import pytest
 import torch
 from lerobot.configs import PreTrainedConfig
+from lerobot.policies import get_policy_class
 
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
 from lerobot_gloves.checkpoints.on_data import open_adapter
 from lerobot_gloves.checkpoints.telling import CLEAN, KINDS, Chunks, tell, verdict, went_wrong
 from lerobot_gloves.commands.calibrate import calibrate
 from lerobot_gloves.commands.check import main
-from lerobot_gloves.scores import ReverseScore
+from lerobot_gloves.scores import ResidualScore, ReverseScore
 from tests.builders import FLOW, save_policy, write_dataset
 
 T, NAN = FLOW["chunk_size"], float("nan")
@@ -124,3 +127,16 @@ def test_without_an_adapter_there_is_one_line(typed, data):
     with pytest.raises(SystemExit) as exit:
         main()
     assert str(exit.value.code) == "gloves check: gloves check needs --policy.path, the adapter's checkpoint"
+
+
+def test_an_adapter_with_other_scores_is_asked_for_these(adapter, data, tmp_path, typed, capsys, monkeypatch):
+    kind = get_policy_class("gloves_expert_flow")
+    monkeypatch.setattr(kind, "scores", {"residual": ResidualScore})
+    monkeypatch.setattr(ReverseScore, "__call__", lambda *_, **__: pytest.fail("it has none"))
+    folder = shutil.copytree(adapter, tmp_path / "adapter")
+    typed(f"--policy.path={folder}", "--dataset.repo_id=me/tiny", f"--dataset.root={data}", "--scores=[residual]")
+    calibrate()
+    typed(f"--policy.path={folder}", "--dataset.repo_id=me/tiny", f"--dataset.root={data}")
+    with pytest.raises(SystemExit):
+        main()
+    assert "| residual:times=" in capsys.readouterr().out
