@@ -14,9 +14,10 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 import pytest
 import torch
 
-from tests.preloaded import fork_forkserver
+from tests.preloaded import fork_forkserver, remember_docstrings
 
 torch.set_num_threads(1)
+remember_docstrings()
 
 pytest_plugins = ["tests.hub", "tests.straight"]
 

@@ -136,6 +136,13 @@ def _ask(
     return connection, int(connection.recv(16))
 
 
+def remember_docstrings() -> None:
+    """Let draccus read an option's help once, not for every parser: most of what it takes to read a command line."""
+    from draccus.wrappers import docstring
+
+    docstring.get_attribute_docstring = cache(docstring.get_attribute_docstring)
+
+
 def serve(folder: str, owner: int) -> Callable[[], None]:
     """Fork a process for every request while the process `owner` lives; return, in the new one, what it has to do."""
     owner_ends = os.pidfd_open(owner)
@@ -145,6 +152,7 @@ def serve(folder: str, owner: int) -> Callable[[], None]:
     import lerobot_gloves.commands.record
     import lerobot_gloves.evaluation.preloaded  # noqa: F401
 
+    remember_docstrings()
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     listener.bind(f"{folder}/new")
     listener.listen(8)

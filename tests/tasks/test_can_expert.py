@@ -137,5 +137,5 @@ def test_the_expert_sees_the_can_where_pixels_are_recorded(env):
 
 @pytest.mark.slow
 def test_the_expert_hardly_ever_fails(env):
-    outcomes = [play(env, 60000 + i, np.random.default_rng([1, i]), jostled=True)[2] for i in range(60)]
+    outcomes = [play(env, 60000 + i, np.random.default_rng([1, i]), jostled=True)[2] for i in range(30)]
     assert np.mean([info["is_success"] for info in outcomes]) >= 0.96

@@ -91,5 +91,7 @@ def test_the_expert_may_change_its_mind_in_the_aisle(env):
 
 @pytest.mark.slow
 def test_the_expert_hardly_ever_fails(env):
-    succeeded = [demonstrate(env, 60000 + i, np.random.default_rng([1, i]))[1]["is_success"] for i in range(240)]
-    assert np.mean(succeeded) >= 0.995
+    succeeded = [
+        demonstrate(env, 60000 + i, np.random.default_rng([1, i]))[1]["is_success"] for i in range(120)
+    ]  # each corridor five times
+    assert all(succeeded)
