@@ -100,7 +100,7 @@ def test_the_page_leads_from_nothing_to_a_policy_that_is_corrected_from_the_hub(
         name = name_of(command)
         program, *options = shlex.split(f"{command.replace('<you>', USER)} {SMALL[name]}")
         done = subprocess.run([server() / program, *options], capture_output=True, text=True)
-        printed[name] = done.stdout + done.stderr
+        printed[name] = done.stderr + done.stdout
         status = 1 if name == "gloves check" and "\nnot usable: " in done.stdout else 0
         assert done.returncode == status, f"{name}: {done.stderr[-3000:]}"
 
@@ -117,7 +117,7 @@ def test_the_page_leads_from_nothing_to_a_policy_that_is_corrected_from_the_hub(
         assert len(task["metrics"]["successes"]) == 2, run
     lines = [json.loads(line) for line in Path("outputs/pusht/log.jsonl").read_text().splitlines()]
     assert len(lines) == 4, "two episodes of 12 steps, of which the agent plans 8 at a time"
-    played = {(row.cell.perturbation, row.cell.method) for row in read_rows(Path("outputs/pusht/bench"))}
+    played = {(row.cell.perturbation, row.cell.editor) for row in read_rows(Path("outputs/pusht/bench"))}
     assert played == {(kind, method) for kind in ("none", "laggy:p=0.3") for method in ("none", "copilot")}
 
     files = online.repositories["models", f"{USER}/pusht_copilot"].files
