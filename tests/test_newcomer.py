@@ -26,7 +26,7 @@ PLAYED = "--eval.n_episodes=2 --eval.batch_size=2 --env.episode_length=12"
 SMALL = {
     "outputs/pusht/agent": f"--steps=4 --save_freq=4 --batch_size=4 --num_workers=0 {NETWORK}",
     "outputs/pusht/raw": PLAYED,
-    "outputs/pusht/copilot": "--steps=60 --save_freq=60 --eval_steps=60 --batch_size=16 --policy.width=32 "
+    "outputs/pusht/copilot": "--steps=20 --save_freq=20 --eval_steps=20 --batch_size=16 --policy.width=32 "
     "--policy.samples_per_item=4 --policy.depth=1 --policy.context_dim=32",
     "gloves check": "--chunks=40",
     "gloves calibrate": "--stride=5",
