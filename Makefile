@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help install lock lint test every-test test-fast demo wheel clean distclean
+.PHONY: help install lock lint test every-test test-fast demo models push-models wheel clean distclean
 
 BIN := .venv/bin
 STAMP := .venv/.installed
@@ -61,6 +61,15 @@ test-fast: install  ## The tests without those marked slow
 
 demo: install  ## See an imperfect policy get better (TRAIN=1: train all three models from nothing first)
 	$(BIN)/gloves demo $(if $(filter-out 0,$(TRAIN)),--train=true)
+
+# The value of a variable that has to be named: $(call named,TASK,slalom)
+named = $(or $($(1)),$(error $(1) is missing, as in make $@ $(1)=$(2)))
+
+models: install  ## Train and calibrate all models of a benchmark, hours of two cores: TASK=slalom
+	$(BIN)/python scripts/train_models.py --task=$(call named,TASK,slalom)
+
+push-models: install  ## Push them to the Hub: TASK=slalom HUB_USER=<you>
+	$(BIN)/python scripts/train_models.py --task=$(call named,TASK,slalom) --push=$(call named,HUB_USER,<you>)
 
 wheel:  ## Build wheel and sdist into dist/, and try the wheel in a bare environment
 	@bash scripts/system_libraries.sh

@@ -4,6 +4,8 @@ Demonstrations, agent, expert flow, copilot and the two baselines; then the agen
 perturbation of configs/bench/<task>.yaml, and the align flow on all of them; calibrations. What that file does not name
 is left out.
 Run again, it goes on where it stopped. Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
+Each model's folder, outputs/<task>/<model>/checkpoints/last/pretrained_model, then holds what belongs on the Hub:
+weights, processors, calibration, card. `--push=USER` uploads them all as USER/gloves_<task>_<model>.
 """
 
 import argparse
@@ -12,8 +14,13 @@ import time
 from pathlib import Path
 
 import yaml
+from lerobot.utils.import_utils import register_third_party_plugins
 
-from lerobot_gloves.demo.pipeline import Calibrate, Dataset, Merge, Record, Stage, Train, make
+from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
+from lerobot_gloves.checkpoints.card import CARD_NAME
+from lerobot_gloves.checkpoints.publishing import push
+from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.demo.pipeline import Calibrate, Card, Dataset, Merge, Record, Stage, Train, make
 from lerobot_gloves.recording.sources import SOURCES
 
 MODELS = ("agent", "expert_flow", "copilot", "ddpm_assist", "csa_teacher", "csa_student", "align_flow")
@@ -127,13 +134,29 @@ class Models:
             teacher = self.train("csa_teacher").checkpoint
             after.append(self.train("csa_student", "state", f"--policy.teacher={teacher}"))
         together(*after)
-        if "align_flow" not in wanted:
-            return
-        for source, perturbation in self.perturbations.items():
-            together(self.record_proposals(source, perturbation))
-        together(self.merge())
-        together(self.train("align_flow", "align"))
-        together(self.calibrate("align_flow", "align"))
+        if "align_flow" in wanted:
+            for source, perturbation in self.perturbations.items():
+                together(self.record_proposals(source, perturbation))
+            together(self.merge())
+            together(self.train("align_flow", "align"))
+            together(self.calibrate("align_flow", "align"))
+        together(*(Card(f"card of {model}", self.train(model).checkpoint) for model in wanted))
+
+    def push(self, wanted: list[str], user: str) -> list[str]:
+        """Upload the models `wanted`, each to a repository of that user; their addresses.
+
+        Raises:
+            ConnectionError: If the Hub cannot be reached, or does not take one.
+            FileNotFoundError: If one is not made yet.
+        """
+        folders = {model: self.train(model).checkpoint for model in self.needed if model in wanted}
+        calibrated = {"expert_flow", "copilot", "align_flow"}
+        files = [folder / CARD_NAME for folder in folders.values()]
+        files += [folder / CALIBRATION_NAME for model, folder in folders.items() if model in calibrated]
+        for file in files:
+            if not file.is_file():
+                raise FileNotFoundError(f"there is no {file}: make the models first, make models TASK={self.task}")
+        return [push(folder, f"{user}/gloves_{self.task}_{model}") for model, folder in folders.items()]
 
 
 def main() -> None:
@@ -145,8 +168,15 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", choices=MODELS, default=list(MODELS), help="which; by default all")
     parser.add_argument("--steps", type=int, help="optimiser steps of each training, instead of the configurations'")
     parser.add_argument("--num_workers", type=int, default=2, help="processes of a recording")
+    parser.add_argument("--push", metavar="USER", help="upload what is made to the Hub, and make nothing")
     arguments = parser.parse_args()
-    Models(arguments.task, arguments.steps, arguments.num_workers).make(arguments.models)
+    register_third_party_plugins()
+    models = Models(arguments.task, arguments.steps, arguments.num_workers)
+    if arguments.push is None:
+        models.make(arguments.models)
+        return
+    with one_line_errors("train_models.py"):
+        print("\n".join(models.push(arguments.models, arguments.push)))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ from urllib.parse import unquote, urlsplit
 import huggingface_hub.constants as constants
 import pytest
 
+from tests.preloaded import hub_at
+
 USER = "tester"
 
 
@@ -94,12 +96,8 @@ def hub() -> Iterator[Hub]:
 @pytest.fixture
 def online(hub: Hub, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Hub:
     """This process talks to the stand-in."""
-    monkeypatch.setattr(constants, "ENDPOINT", hub.url)
-    template = "/{repo_id}/resolve/{revision}/{filename}"
-    monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", hub.url + template)
-    monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
-    monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
-    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
+    for name, value in hub_at(hub.url, tmp_path / "cache").items():
+        monkeypatch.setattr(constants, name, value)
     monkeypatch.setenv("HF_TOKEN", "hf_stand_in")
     return hub
 

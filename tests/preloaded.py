@@ -2,7 +2,8 @@
 
 Importing LeRobot takes ten seconds of a core, and dozens of tests start commands. What runs is the installed command,
 with its own arguments, environment, folder, streams and signals; what it would import is there already. Environment
-variables that are read on import (`HF_HOME`, `HF_ENDPOINT`) come too late: who needs them starts Python itself.
+variables that are read on import come too late; of these `HF_ENDPOINT` is looked at all the same, with `HF_HOME` beside
+it, since that is where a test has its Hub. Who needs another starts Python itself.
 """
 
 import array
@@ -211,12 +212,37 @@ def _prepared(request: dict, streams: list[int]) -> Callable[[], None]:
     os.environ.clear()
     os.environ.update(request["environ"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    if "HF_ENDPOINT" in os.environ:
+        _move_the_hub(os.environ["HF_ENDPOINT"], Path(os.environ["HF_HOME"]))
     faulthandler.enable()  # on the standard error that is its own now
     fork_forkserver()
     sys.argv = request["words"]
     (command,) = entry_points(group="console_scripts", name=sys.argv[0])
     main = command.load()
     return lambda: sys.exit(main())
+
+
+def _move_the_hub(url: str, home: Path) -> None:
+    """Have what is imported already ask the Hub at `url`, and keep what comes from it in `home`."""
+    from huggingface_hub import constants
+
+    for name, value in hub_at(url, home / "hub").items():
+        setattr(constants, name, value)
+    lerobots = {"HF_LEROBOT_HOME": home / "lerobot", "HF_LEROBOT_HUB_CACHE": home / "lerobot" / "hub"}
+    for module in [module for name, module in sys.modules.items() if name.partition(".")[0] == "lerobot"]:
+        for name in lerobots.keys() & vars(module).keys():  # each module has them by `from`
+            setattr(module, name, lerobots[name])
+
+
+def hub_at(url: str, cache: Path) -> dict[str, object]:
+    """The constants of `huggingface_hub` for a Hub at `url` whose files are kept in `cache`."""
+    return {
+        "ENDPOINT": url,
+        "HUGGINGFACE_CO_URL_TEMPLATE": url + "/{repo_id}/resolve/{revision}/{filename}",
+        "HF_HUB_OFFLINE": False,
+        "HF_HUB_DISABLE_XET": True,
+        "HF_HUB_CACHE": str(cache),
+    }
 
 
 def fork_forkserver() -> None:

@@ -12,8 +12,6 @@ from typing import Any
 from huggingface_hub import HfApi, hf_hub_download
 from huggingface_hub.errors import EntryNotFoundError
 from lerobot.configs import PreTrainedConfig, parser
-from lerobot.utils.import_utils import register_third_party_plugins
-from lerobot.utils.utils import init_logging
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
 from lerobot_gloves.checkpoints.card import CARD_NAME, write_card
@@ -22,6 +20,7 @@ from lerobot_gloves.checkpoints.on_data import named_adapter, open_adapter
 from lerobot_gloves.checkpoints.scoring import Decisions, default_lengths, score_dataset
 from lerobot_gloves.checkpoints.telling import tell, verdict
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.commands.start import start
 from lerobot_gloves.recording.sources import expert_episodes, healthy_episodes
 from lerobot_gloves.scores import ReverseScore
 from lerobot_gloves.scores.score import needs_posterior
@@ -211,9 +210,6 @@ def _fetch_card(folder: Path, repo_id: str, revision: str | None) -> None:
 
 def main() -> None:
     """Entry point."""
-    init_logging()
-    # Where FFmpeg is missing LeRobot tells of it at length, and goes on with another decoder.
-    logging.getLogger("lerobot.utils.import_utils").addFilter(lambda record: "torchcodec" not in record.getMessage())
-    register_third_party_plugins()
+    start()
     with one_line_errors("gloves calibrate"):
         calibrate()

@@ -4,13 +4,12 @@ import sys
 from dataclasses import dataclass, field, replace
 
 from lerobot.configs import PreTrainedConfig, parser
-from lerobot.utils.import_utils import register_third_party_plugins
-from lerobot.utils.utils import init_logging
 
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
 from lerobot_gloves.checkpoints.on_data import AdapterOnData, named_adapter, open_adapter
 from lerobot_gloves.checkpoints.telling import KINDS, Chunks, losses, tell, verdict
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.commands.start import start
 from lerobot_gloves.recording.sources import expert_episodes
 from lerobot_gloves.specification import parse_all, specification
 from lerobot_gloves.system.text import markdown_table
@@ -87,16 +86,19 @@ def report(opened: AdapterOnData, chunks: Chunks, loss: tuple[float, float] | No
         heart = ": known by heart" if held_out > FORGOTTEN * trained else ""
         ratio = f"{held_out / trained:.2f} times as much"
         parts.append(f"loss {trained:.4f} on episodes of the training, {held_out:.4f} on the others, {ratio}{heart}")
-    header = ["score", *KINDS]
+    kinds = [kind for kind in KINDS if not all(of[kind].isnan().all() for of in chunks.scores.values())]
+    if "replayed" not in kinds:
+        parts.append("No episode is as long as two chunks, so that nothing can be replayed.")
+    header = ["score", *kinds]
     rows = [
-        [name, *(f"{a:.2f} [{low:.2f}, {high:.2f}]" for a, low, high in (chunks.area(name, kind) for kind in KINDS))]
+        [name, *(f"{a:.2f} [{low:.2f}, {high:.2f}]" for a, low, high in (chunks.area(name, kind) for kind in kinds))]
         for name in chunks.scores
     ]
     parts.append("Area under the ROC curve between clean chunks and others [95 % interval]:")
     parts.append(markdown_table([header, *rows]))
-    header = ["score", "alpha", *KINDS]
+    header = ["score", "alpha", *kinds]
     rows = [
-        [name, f"{alpha:g}", *(f"{100 * chunks.seen(name, kind, alpha):.0f} %" for kind in KINDS)]
+        [name, f"{alpha:g}", *(f"{100 * chunks.seen(name, kind, alpha):.0f} %" for kind in kinds)]
         for name in chunks.scores
         for alpha in ALPHAS
     ]
@@ -108,8 +110,7 @@ def report(opened: AdapterOnData, chunks: Chunks, loss: tuple[float, float] | No
 
 def main() -> None:
     """Entry point."""
-    init_logging()
-    register_third_party_plugins()
+    start()
     with one_line_errors("gloves check"):
         usable = check()
     sys.exit(0 if usable else 1)

@@ -12,11 +12,10 @@ from lerobot.configs import parser
 from lerobot.datasets import LeRobotDatasetMetadata
 from lerobot.envs import EnvConfig
 from lerobot.utils.constants import HF_LEROBOT_HOME
-from lerobot.utils.import_utils import register_third_party_plugins
-from lerobot.utils.utils import init_logging
 from tqdm import tqdm
 
 from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.commands.start import start
 from lerobot_gloves.evaluation.agent import load_agent
 from lerobot_gloves.evaluation.seeds import DEMONSTRATIONS, PROPOSALS
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
@@ -244,7 +243,6 @@ def _push(config: RecordConfig) -> str:
 
 def main() -> None:
     """Entry point."""
-    init_logging()
-    register_third_party_plugins()
+    start()
     with one_line_errors("gloves record", "what is recorded is kept: run the command again to go on"):
         record()

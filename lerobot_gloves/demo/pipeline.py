@@ -12,6 +12,8 @@ import yaml
 from lerobot.utils.constants import CHECKPOINTS_DIR, LAST_CHECKPOINT_LINK, PRETRAINED_MODEL_DIR, TRAINING_STATE_DIR
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
+from lerobot_gloves.checkpoints.card import CARD_NAME
+from lerobot_gloves.checkpoints.publishing import renew_card
 from lerobot_gloves.demo.export import export
 from lerobot_gloves.recording.staging import staging_folder
 from lerobot_gloves.system.processes import Command, console_script, run
@@ -196,6 +198,29 @@ class Calibrate(Stage):
     def words(self) -> list[str]:
         scores = f"--scores={json.dumps(self.scores)}"
         return ["gloves", "calibrate", f"--policy.path={self.policy}", *self.dataset.options, scores]
+
+
+@dataclass(frozen=True)
+class Card(Stage):
+    """The model card in a checkpoint's folder, which a calibration writes as well.
+
+    Attributes:
+        policy: The folder.
+    """
+
+    policy: Path
+
+    @property
+    def done(self) -> bool:
+        return (self.policy / CARD_NAME).is_file()
+
+    @property
+    def words(self) -> list[str]:
+        return []  # nothing to type: `gloves push` writes it anew
+
+    def begin(self) -> list[str]:
+        renew_card(self.policy, None)
+        return []
 
 
 @dataclass(frozen=True)

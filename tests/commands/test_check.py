@@ -1,5 +1,6 @@
 """`gloves check`: its figures against counts by hand and the calibration's, and its verdict."""
 
+import logging
 import shutil
 
 import pytest
@@ -140,3 +141,24 @@ def test_an_adapter_with_other_scores_is_asked_for_these(adapter, data, tmp_path
     with pytest.raises(SystemExit):
         main()
     assert "| residual:times=" in capsys.readouterr().out
+
+
+def test_what_short_episodes_cannot_show_is_left_out(adapter, tmp_path, typed, capsys):
+    """Of two chunks in a row there is none, so nothing is replayed: no column of NaN."""
+    short = write_dataset(tmp_path / "short", episodes=3, length=2 * T - 2).root
+    typed(*options(adapter, short))
+    with pytest.raises(SystemExit):
+        main()
+    printed = capsys.readouterr().out
+    assert "nan" not in printed and "| replayed" not in printed and "| another moment |" in printed
+    assert "No episode is as long as two chunks, so that nothing can be replayed." in printed
+
+
+def test_ffmpeg_that_is_missing_is_no_page_of_tracebacks(adapter, data, typed, monkeypatch):
+    logger = logging.getLogger("lerobot.utils.import_utils")
+    monkeypatch.setattr(logger, "filters", [])  # other tests' commands have theirs
+    typed(*options(adapter, data))
+    with pytest.raises(SystemExit):
+        main()
+    said = ["'torchcodec' is installed but cannot be loaded (see the error above)", "another one"]
+    assert [bool(logger.filter(logging.makeLogRecord({"msg": text}))) for text in said] == [False, True]

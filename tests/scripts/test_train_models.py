@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
+from lerobot_gloves.checkpoints.card import CARD_NAME
 from lerobot_gloves.demo import pipeline
 from scripts import train_models
 from scripts.train_models import Models
@@ -47,6 +48,7 @@ def made(monkeypatch, tmp_path):
                 info.write_text(json.dumps({}))
 
     monkeypatch.setattr(pipeline, "run", run)
+    monkeypatch.setattr(pipeline, "renew_card", lambda folder, _: (folder / CARD_NAME).touch())
     return commands
 
 
@@ -70,6 +72,8 @@ def test_every_model_is_made_after_what_it_needs_and_only_once(made):
     (Path("outputs/keypad/expert_flow/checkpoints/last/pretrained_model") / CALIBRATION_NAME).unlink()
     Models("keypad", None, 1).make(everything)
     assert labels(made[17:]) == ["calibration of expert_flow"]
+    for model in everything:
+        assert (Models("keypad", None, 1).train(model).checkpoint / CARD_NAME).is_file(), model
 
 
 def test_charger_has_fewer_proposals_to_each_of_the_experts(made):
