@@ -8,10 +8,12 @@ from typing import Any
 from huggingface_hub import ModelCard, ModelCardData
 from lerobot.configs import PreTrainedConfig
 
-from lerobot_gloves.checkpoints.calibration import Calibration
+from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 
 CARD_NAME = "README.md"
 MARK = "<!-- Made anew by every calibration; without this line it is left as it is. -->"
+CHECKED = "<!-- gloves check of {weights} -->"
+"""What begins the section on a check, by the hash of the weights that were checked."""
 LEROBOTS = "This policy has been trained and pushed to the Hub using [LeRobot]"
 """What LeRobot's own cards say."""
 
@@ -22,6 +24,7 @@ def policy_card(
     training: Mapping[str, Any],
     calibration: Calibration | None,
     repo_id: str | None,
+    checked: str = "",
 ) -> ModelCard:
     """The card of a policy whose class says what it is `about`.
 
@@ -31,6 +34,7 @@ def policy_card(
         training: The training's configuration as `train_config.json` holds it; empty where it is not known.
         calibration: What its gate was calibrated on; None for nothing.
         repo_id: Where it lies on the Hub; None for a folder.
+        checked: The section on a check, with its mark; empty for none.
     """
     name: str = config.type
     data, adapter = training.get("dataset") or {}, hasattr(kind, "editors")
@@ -54,12 +58,20 @@ def policy_card(
         about,
         _use(kind, repo_id or "<this folder>", calibration) if adapter else _play(repo_id),
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in known.items())]),
+        *([checked] if checked else []),
     ]
     return ModelCard(f"---\n{header.to_yaml()}\n---\n{MARK}\n\n" + "\n\n".join(parts) + "\n")
 
 
 def write_card(
-    folder: Path, policy: Any, training: Mapping[str, Any], calibration: Calibration | None, repo_id: str | None
+    folder: Path,
+    policy: Any,
+    training: Mapping[str, Any],
+    calibration: Calibration | None,
+    repo_id: str | None,
+    checked: str = "",
+    *,
+    brief: bool = False,
 ) -> None:
     """Write the card of a policy into a folder, in the place of one that was made like it.
 
@@ -72,13 +84,20 @@ def write_card(
         training: See `policy_card`.
         calibration: See `policy_card`.
         repo_id: See `policy_card`.
+        checked: What a check of it found, as Markdown; if empty, what the card says of these weights stays.
+        brief: Whether what the card says of these weights stays in any case, as it says more.
     """
     if not hasattr(policy, "about"):
         return
     file = folder / CARD_NAME
     there = file.read_text() if file.is_file() else MARK
     if MARK in there or LEROBOTS in there:
-        policy_card(type(policy), policy.config, training, calibration, repo_id).save(file)
+        mark = CHECKED.format(weights=weights_hash(policy.state_dict()))
+        _, known, before = there.partition(mark)
+        section = f"{mark}\n## Checked\n\n{checked}" if checked else ""
+        if known and (brief or not checked):
+            section = mark + before.rstrip()
+        policy_card(type(policy), policy.config, training, calibration, repo_id, section).save(file)
     else:
         logging.info("%s is not ours, so it is left as it is", file)
 

@@ -17,7 +17,7 @@ from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import check_features, check_rate
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig, held_out_episodes, load_metadata, training_config
 from lerobot_gloves.checkpoints.loading import load_policy
-from lerobot_gloves.checkpoints.processors import Pipeline
+from lerobot_gloves.checkpoints.processors import Pipeline, renamed
 from lerobot_gloves.system.values import NOTHING, text_value
 
 
@@ -47,6 +47,11 @@ class AdapterOnData:
     def trained(self) -> Mapping[str, Any]:
         """The training's configuration as `train_config.json` holds it; empty where it is not known."""
         return {} if self.training is None else self.training.to_dict()
+
+    @property
+    def lengths(self) -> list[int]:
+        """Frames of each of its `episodes`."""
+        return [int(self.meta.episodes["length"][episode]) for episode in self.episodes]
 
     def frames(self, episodes: Sequence[int], indices: Sequence[int]) -> LeRobotDataset:
         """The frames of some episodes, each with the actions at these distances from it."""
@@ -107,8 +112,7 @@ def open_adapter(policy: PreTrainedConfig, dataset: HeldOutConfig, tolerance_s: 
     check_rate(getattr(policy, "fps", None), meta.repo_id, meta.fps, "--policy.fps=null")
     loaded = load_policy(policy, str(policy.device))
     adapter, preprocess = loaded.policy.requires_grad_(False), loaded.preprocess
-    renamed = {key: name for step in preprocess.steps for key, name in getattr(step, "rename_map", {}).items()}
-    given = {renamed.get(key, key): one for key, one in dataset_to_policy_features(meta.features).items()}
+    given = renamed(preprocess, dataset_to_policy_features(meta.features))
     needed = {**(policy.input_features or {}), **(policy.output_features or {})}
     check_features("the adapter", needed, meta.repo_id, given)
     episodes = held_out_episodes(training, data, meta)

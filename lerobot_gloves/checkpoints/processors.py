@@ -1,5 +1,6 @@
 """The processors that a checkpoint was saved with."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,12 @@ def load_processors(
         ) from error
     except SafetensorError as error:
         raise ValueError(f"{_damaged(checkpoint, revision)} is not a readable safetensors file: {error}") from error
+
+
+def renamed[T](preprocess: Pipeline, features: Mapping[str, T]) -> dict[str, T]:
+    """Features under the names that a preprocessor gives them."""
+    names = {key: name for step in preprocess.steps for key, name in getattr(step, "rename_map", {}).items()}
+    return {names.get(key, key): one for key, one in features.items()}
 
 
 def _damaged(checkpoint: str, revision: str | None) -> Path:

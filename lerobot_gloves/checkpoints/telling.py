@@ -1,25 +1,26 @@
 """What an adapter's scores tell apart: an expert's chunks, held out of its training, and the same chunks gone wrong."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-from lerobot.utils.constants import ACTION
+from lerobot.utils.constants import ACTION, OBS_STATE
 from torch import Tensor
-from torch.utils.data import DataLoader, Subset
+from torch.utils.data import DataLoader
 from tqdm import tqdm
 
 from lerobot_gloves.adapter import pad
 from lerobot_gloves.checkpoints.on_data import AdapterOnData
 from lerobot_gloves.checkpoints.scoring import Decisions, alike
 from lerobot_gloves.checkpoints.statistics import Constants
-from lerobot_gloves.conformal import auroc
+from lerobot_gloves.conformal import ConformalGate, auroc
 from lerobot_gloves.scores.score import needs_posterior
 
 KINDS = ("noised", "scaled", "shifted", "replayed", "another moment")
 CLEAN = "clean"
+AGENT, BESIDE = "agent", "expert"
+"""Proposals of an agent for the same observations, and the expert's chunks cut to as many actions as an agent's."""
 RESAMPLES = 500
 KNOWS = 0.6
 """An adapter that knows what is to be done where has at least this area between a context's own chunk and another's."""
@@ -30,13 +31,19 @@ class Chunks:
     """Scores of N of the expert's chunks, as they are and gone wrong.
 
     Attributes:
-        scores: By score and kind (`CLEAN` and `KINDS`), (N,) each. An episode's first chunk cannot be replayed, so
-            there that is NaN.
+        scores: By score and kind (`CLEAN` and `KINDS`; `AGENT` and `BESIDE` where they are asked for), (N,) each. An
+            episode's first chunk cannot be replayed, so there that is NaN.
         episode: Which episode each is of, (N,).
+        progress: Which share of its episode went before it, in [0, 1), (N,).
+        state: The robot's state where it begins, raw, (N, S); S is 0 where the data have none.
+        proposed: How many actions of an agent's proposals count; 0 where there are none.
     """
 
     scores: Mapping[str, Mapping[str, Tensor]]
     episode: Tensor
+    progress: Tensor
+    state: Tensor
+    proposed: int = 0
 
     def area(self, score: str, kind: str) -> tuple[float, float, float]:
         """Area under the ROC curve of a score between clean chunks and those of a kind, and its 95 % interval.
@@ -55,11 +62,26 @@ class Chunks:
         low, high = torch.tensor(found).quantile(torch.tensor([0.025, 0.975])).tolist() if found else (0.0, 1.0)
         return auroc(clean, wrong), low, high
 
-    def seen(self, score: str, kind: str, alpha: float) -> float:
-        """The share of the chunks of a kind above all but at most a share alpha, below 1, of the clean ones."""
-        clean, wrong = self.scores[score][CLEAN], self.scores[score][kind]
-        least = clean.sort().values[math.ceil((1 - alpha) * len(clean)) - 1]
-        return (wrong[~wrong.isnan()] > least).double().mean().item()
+    def threshold(self, score: str, alpha: float, clean: str = CLEAN) -> float:
+        """The largest score that a gate calibrated on the clean chunks (`CLEAN` or `BESIDE`) lets pass.
+
+        It is infinite where they are too few for alpha.
+        """
+        return ConformalGate(self.scores[score][clean], alpha).threshold
+
+    def stopped(self, score: str, kind: str, alpha: float) -> float:
+        """The share of the chunks of a kind that a gate calibrated on the clean ones turns away."""
+        wrong = self.scores[score][kind]
+        return (wrong[~wrong.isnan()] > self.threshold(score, alpha)).double().mean().item()
+
+    def p_values(self, score: str) -> Tensor:
+        """P-values of the clean chunks, each among those of the other episodes, double, (N,); 1 if there are none."""
+        clean, found = self.scores[score][CLEAN], torch.ones(len(self.episode), dtype=torch.float64)
+        for one in self.episode.unique():
+            own = self.episode == one
+            if not own.all():
+                found[own] = ConformalGate(clean[~own]).p_value(clean[own])
+        return found
 
 
 def verdict(chunks: Chunks) -> tuple[bool, str]:
@@ -99,18 +121,47 @@ def went_wrong(
     }
 
 
+def spread_out(lengths: Sequence[int], size: int, most: int) -> tuple[int, int]:
+    """How many frames lie between two chunks so that there are about `most`, and how many there are then.
+
+    Args:
+        lengths: Frames of each episode.
+        size: Actions of a chunk.
+        most: About how many chunks. Where there are fewer places than that, one begins at each.
+
+    Raises:
+        ValueError: If no episode is as long as a chunk.
+    """
+    places = [length - size + 1 for length in lengths if length >= size]
+    if not places:
+        raise ValueError(f"no episode is as long as a chunk of the adapter, {size} actions")
+    every = max(1, sum(places) // most)
+    return every, sum(-(-count // every) for count in places)
+
+
 @torch.no_grad()
 def tell(
-    on_data: AdapterOnData, scores: Mapping[str, Any], most: int, batch_size: int, kinds: Sequence[str] = KINDS
+    on_data: AdapterOnData,
+    scores: Mapping[str, Any],
+    most: int,
+    batch_size: int,
+    kinds: Sequence[str] = KINDS,
+    *,
+    agent: Callable[[dict[str, Any]], Tensor] | None = None,
+    proposed: int = 0,
+    seed: int = 0,
 ) -> Chunks:
     """Score the chunks of held-out episodes, as they are and gone wrong.
 
     Args:
         on_data: Adapter and data.
         scores: The scores by name.
-        most: About how many chunks; as many frames lie between two as that asks for, of every episode alike.
+        most: About how many chunks, see `spread_out`; of every episode alike.
         batch_size: Chunks scored at once.
         kinds: How they go wrong, some of `KINDS`.
+        agent: From frames of the dataset to what an agent proposes there, raw (B, n, A).
+        proposed: How many actions an agent's proposals have that are not asked for here, but known; 0 for none.
+        seed: What the wrong chunks are drawn by.
 
     Raises:
         ValueError: If no episode is as long as a chunk.
@@ -119,19 +170,19 @@ def tell(
     size = adapter.config.chunk_size
     history = getattr(adapter, "history", 0) if any(map(needs_posterior, scores.values())) else 0
     stride = adapter.stride if history else 1
-    frames = sum(int(on_data.meta.episodes["length"][episode]) for episode in on_data.episodes)
-    decisions = Decisions((size,), max(1, frames // most), stride, history)
+    every, _ = spread_out(on_data.lengths, size, most)
+    decisions = Decisions((size,), every, stride, history)
     dataset = on_data.frames(on_data.episodes, decisions.indices)
     columns = dataset.hf_dataset.with_format("torch", columns=[ACTION, "episode_index", "frame_index"])[:]
     action, episode, frame = (columns[name] for name in (ACTION, "episode_index", "frame_index"))
     action = action.float()
     spread = torch.as_tensor(on_data.meta.stats[ACTION]["std"]).float()
     starts = torch.tensor([row for row in range(len(action) - size + 1) if episode[row] == episode[row + size - 1]])
-    if not len(starts):
-        raise ValueError(f"no episode is as long as a chunk of the adapter, {size} actions")
-    generator, constants = torch.Generator().manual_seed(0), Constants(preprocess)
-    found: dict[str, dict[str, list[Tensor]]] = {name: {kind: [] for kind in (CLEAN, *kinds)} for name in scores}
-    of: list[Tensor] = []
+    generator, constants = torch.Generator().manual_seed(seed), Constants(preprocess)
+    called = (CLEAN, *kinds, *([AGENT] if agent else []), *([BESIDE] if agent or proposed else []))
+    found: dict[str, dict[str, list[Tensor]]] = {name: {kind: [] for kind in called} for name in scores}
+    at_all: list[Tensor] = []
+    states: list[Tensor] = []
     whole = set(starts.tolist())
     batches = [[row for row in batch if row in whole] for batch in alike(dataset, decisions, batch_size)]
     batches = [batch for batch in batches if batch]
@@ -147,14 +198,23 @@ def tell(
         chunk, before = action[at[:, None] + window], action[(at[:, None] + window - size).clamp(min=0)]
         other = action[_elsewhere(starts, episode, at, generator)[:, None] + window]
         raw = {CLEAN: chunk, **went_wrong(chunk, before, other, spread, generator)}
-        for kind in (CLEAN, *kinds):
-            wrong = preprocess(constants.hold(rows | {ACTION: raw[kind]}))[ACTION]
+        if agent is not None:
+            raw[AGENT] = agent(item)[:, :size].to(chunk)
+            proposed = raw[AGENT].shape[1]
+        if proposed:
+            raw[BESIDE] = chunk[:, :proposed]
+        for kind in called:
+            normalised = preprocess(constants.hold(rows | {ACTION: raw[kind]}))[ACTION]
+            length = normalised.shape[1]
             for name, score in scores.items():
-                values = bound.score(pad(wrong, size), score).double().cpu()
+                values = bound.score(pad(normalised, size), score, length=length).double().cpu()
                 found[name][kind].append(values.masked_fill((frame[at] < size) & (kind == "replayed"), torch.nan))
-        of.append(episode[at])
+        at_all.append(at)
+        states.append(rows[OBS_STATE].flatten(1).cpu() if OBS_STATE in rows else torch.empty(len(at), 0))
+    at = torch.cat(at_all)
     merged = {name: {kind: torch.cat(parts) for kind, parts in by.items()} for name, by in found.items()}
-    return Chunks(merged, torch.cat(of))
+    ends = torch.tensor(on_data.meta.episodes["length"])[episode[at]]
+    return Chunks(merged, episode[at], frame[at] / ends, torch.cat(states), proposed)
 
 
 def _elsewhere(starts: Tensor, episode: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
@@ -162,28 +222,3 @@ def _elsewhere(starts: Tensor, episode: Tensor, at: Tensor, generator: torch.Gen
     drawn = starts[torch.randint(len(starts), (len(at), 16), generator=generator)]
     elsewhere = (episode[drawn] != episode[at][:, None]).int().argmax(dim=1)
     return drawn.gather(1, elsewhere[:, None])[:, 0]
-
-
-@torch.no_grad()
-def losses(on_data: AdapterOnData, most: int, batch_size: int) -> tuple[float, float] | None:
-    """The training's loss on frames that it has seen and on such that it has not; None where it is not known.
-
-    Both are of the weights that inference uses, and of about as many frames.
-    """
-    seen = sorted(set(range(on_data.meta.total_episodes)) - set(on_data.episodes))
-    if on_data.training is None or on_data.training.dataset.repo_id != on_data.data.repo_id or not seen:
-        return None
-    return _loss(on_data, seen, most, batch_size), _loss(on_data, on_data.episodes, most, batch_size)
-
-
-def _loss(on_data: AdapterOnData, episodes: list[int], most: int, batch_size: int) -> float:
-    adapter = on_data.adapter
-    dataset = on_data.frames(episodes, adapter.config.action_delta_indices)
-    picked = torch.linspace(0, len(dataset) - 1, min(most, len(dataset))).long().tolist()
-    total = 0.0
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        for item in DataLoader(Subset(dataset, picked), batch_size=batch_size):
-            loss, _ = adapter.forward(on_data.preprocess(item))
-            total += loss.item() * len(item[ACTION])
-    return total / len(picked)

@@ -2,20 +2,16 @@
 
 import logging
 import math
-import shutil
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from huggingface_hub import HfApi, hf_hub_download
-from huggingface_hub.errors import EntryNotFoundError
 from lerobot.configs import PreTrainedConfig, parser
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME, Calibration, weights_hash
-from lerobot_gloves.checkpoints.card import CARD_NAME, write_card
+from lerobot_gloves.checkpoints.card import write_card
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
+from lerobot_gloves.checkpoints.hub import push, pushed_to
 from lerobot_gloves.checkpoints.on_data import named_adapter, open_adapter
 from lerobot_gloves.checkpoints.scoring import Decisions, default_lengths, score_dataset
 from lerobot_gloves.checkpoints.telling import tell, verdict
@@ -87,8 +83,6 @@ class CalibrateConfig:
         self.policy = named_adapter()
         if self.policy is None:
             raise ValueError("gloves calibrate needs --policy.path, the adapter's checkpoint")
-        if self.push_to_hub and Path(str(path)).is_dir() and not self.policy.repo_id:
-            raise ValueError(f"{path} says nothing of a Hub repository to push to: name one by --policy.repo_id")
 
     @classmethod
     def __get_path_fields__(cls) -> list[str]:
@@ -100,10 +94,7 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     """Run `gloves calibrate`."""
     assert cfg.policy is not None
     path, revision = str(cfg.policy.pretrained_path), cfg.policy.pretrained_revision
-    # What was calibrated on the Hub belongs to where it came from, whatever its configuration was once pushed to.
-    repo_id = str(cfg.policy.repo_id) if Path(path).is_dir() else path
-    if cfg.push_to_hub and revision:
-        _check_branch(repo_id, revision)
+    repo_id = pushed_to(cfg.policy) if cfg.push_to_hub else None
     opened = open_adapter(cfg.policy, cfg.dataset, cfg.tolerance_s)
     adapter, meta = opened.adapter, opened.meta
     if cfg.chunks_of == "expert":
@@ -127,25 +118,24 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         episode_of=tuple(episode_of),
         lengths=tuple(decisions.lengths),
     )
+    line = ""
     if cfg.chunks_of == "expert" and decisions.length == adapter.config.chunk_size:
         opened, five = replace(opened, episodes=episodes), {"reverse:steps=5": ReverseScore(steps=5)}
         look = five if "reverse" in adapter.scores else scores
         usable, line = verdict(tell(opened, look, CHECKED, cfg.batch_size, kinds=["another moment"]))
         logging.log(logging.INFO if usable else logging.WARNING, "%s", line)
     counts = len(episode_of), len(set(episode_of))
+
+    def write(folder: Path) -> None:
+        calibration.save(folder)
+        write_card(folder, adapter, opened.trained, calibration, repo_id, line, brief=True)
+
     if Path(path).is_dir():
-        calibration.save(Path(path))
-        write_card(Path(path), adapter, opened.trained, calibration, repo_id if cfg.push_to_hub else None)
+        write(Path(path))
         logging.info("%d chunks of %d episodes -> %s", *counts, Path(path) / CALIBRATION_NAME)
     logging.info("%s", _enough_for(calibration, sum(end < decisions.length for end in ends), decisions.length))
-    if cfg.push_to_hub:
-        with TemporaryDirectory() as folder:
-            calibration.save(Path(folder))
-            _fetch_card(Path(folder), repo_id, revision)
-            write_card(Path(folder), adapter, opened.trained, calibration, repo_id)
-            HfApi().upload_folder(
-                repo_id=repo_id, folder_path=folder, revision=revision, commit_message="Calibrate the gate"
-            )
+    if repo_id is not None:
+        push(repo_id, revision, "Calibrate the gate", write)
         logging.info("pushed %s to %s%s", CALIBRATION_NAME, repo_id, f" at {revision}" if revision else "")
     return calibration
 
@@ -186,26 +176,6 @@ def _enough_for(calibration: Calibration, short: int, length: int) -> str:
         "of joined scores times their number"
     )
     return line + (f"; {short} episodes are shorter than {length} actions and not among them" if short else "")
-
-
-def _check_branch(repo_id: str, revision: str) -> None:
-    """Refuse to calibrate a revision that nothing can be pushed to.
-
-    Raises:
-        ValueError: If it is no branch.
-    """
-    branches = [branch.name for branch in HfApi().list_repo_refs(repo_id).branches]
-    if revision not in branches:
-        raise ValueError(
-            f"nothing can be pushed to {revision} of {repo_id}, which is no branch: choose from {', '.join(branches)}, "
-            "or download it and calibrate the folder"
-        )
-
-
-def _fetch_card(folder: Path, repo_id: str, revision: str | None) -> None:
-    """Lay the card that a repository has into a folder; nothing if it has none."""
-    with suppress(EntryNotFoundError):
-        shutil.copy(hf_hub_download(repo_id, CARD_NAME, revision=revision), folder / CARD_NAME)
 
 
 def main() -> None:

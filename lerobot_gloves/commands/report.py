@@ -9,7 +9,7 @@ from lerobot_gloves.benchmark.folder import pack, read_rows
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.report.csv_file import report_csv
 from lerobot_gloves.report.markdown import report_markdown
-from lerobot_gloves.system.files import whole
+from lerobot_gloves.system.files import write_text
 
 
 @dataclass
@@ -45,24 +45,15 @@ def write_report(config: ReportConfig) -> None:
     text = report_markdown(rows, paper=config.paper)
     print(text, end="")
     if config.output is not None:
-        _write(config.output, text)
+        write_text(config.output, text)
     if config.csv is not None:
-        _write(config.csv, report_csv(rows, paper=config.paper))
+        write_text(config.csv, report_csv(rows, paper=config.paper))
     if config.pack is not None:
         pack(rows, config.pack)
     if config.html is not None:
         from lerobot_gloves.report.html_page import report_html  # matplotlib takes a second to import
 
-        _write(config.html, report_html(rows, paper=config.paper))
-
-
-def _write(file: Path, text: str) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with whole(file) as written:
-            written.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ValueError(f"cannot write {file}: {error.strerror}") from error
+        write_text(config.html, report_html(rows, paper=config.paper))
 
 
 def main() -> None:

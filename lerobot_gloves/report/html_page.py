@@ -59,20 +59,26 @@ def report_html(rows: Sequence[Row], *, paper: bool = False) -> str:
         links = "".join(
             f'<li><a href="#section-{i}">{escape(headline(section))}</a></li>' for i, section in enumerate(sections)
         )
-        parts += [f"<ul>{links}</ul>", _table(overview(sections, paper=paper))]
+        parts += [f"<ul>{links}</ul>", table_html(overview(sections, paper=paper))]
     parts += [_section(section, i, paper=paper) for i, section in enumerate(sections)]
+    return document("gloves bench", parts)
+
+
+def document(title: str, parts: Sequence[str]) -> str:
+    """A page of parts that are HTML already; the title is text."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>gloves bench</title>\n<style>\n{CSS}\n</style>\n</head>\n<body>\n" + "\n".join(parts) + "\n</body>\n"
-        "</html>\n"
+        f"<title>{escape(title)}</title>\n<style>\n{CSS}\n</style>\n</head>\n<body>\n"
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
     )
 
 
 def _section(section: Section, number: int, *, paper: bool) -> str:
     defined = "".join(f"<li>{escape(line)}</li>" for line in definitions(section))
     main, *others = tables(section, paper=paper)
-    figures = [_figure(caption, figure) for caption, figure in plots(section, paper=paper).items()]
+    figures = [figure_html(caption, figure) for caption, figure in plots(section, paper=paper).items()]
     if not figures:
         figures = [
             f"<p>No plots: {len(section.methods)} methods are more than the {MOST_METHODS} that one can tell.</p>"
@@ -81,15 +87,17 @@ def _section(section: Section, number: int, *, paper: bool) -> str:
         [
             f'<section id="section-{number}">\n<h2>{escape(headline(section))}</h2>\n<p>{escape(facts(section))}</p>',
             f"<ul>{defined}</ul>",
-            _table(main),
+            table_html(main),
             *figures,
-            *map(_table, others),
+            *map(table_html, others),
             "</section>",
         ]
     )
 
 
-def _table(table: Table) -> str:
+def table_html(table: Table) -> str:
+    """A table below its caption."""
+
     def line(entries: Sequence[Entry]) -> str:
         head, *others = entries
         cells = "".join(f"<td{CLASSES[entry.rank]}>{_broken(entry.text)}</td>" for entry in others)
@@ -115,7 +123,8 @@ def _broken(text: str) -> str:
     return first + "".join(f"<small>{line}</small>" for line in others)
 
 
-def _figure(caption: str, figure: Figure) -> str:
+def figure_html(caption: str, figure: Figure) -> str:
+    """A figure above its caption, which gets a full stop."""
     drawn = f'<div class="wide" tabindex="0">\n{svg(figure, caption)}\n</div>'
     return f"<figure>\n{drawn}\n<figcaption>{escape(caption)}.</figcaption>\n</figure>"
 

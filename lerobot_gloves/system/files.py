@@ -40,6 +40,20 @@ def whole(path: Path) -> Iterator[Path]:
         raise
 
 
+def write_text(file: Path, text: str) -> None:
+    """Write a text file whole, and the folder that it is to lie in.
+
+    Raises:
+        ValueError: If it cannot be written: whoever named the file can name another.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with whole(file) as written:
+            written.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"cannot write {file}: {error.strerror}") from error
+
+
 def _remove(part: Path) -> None:
     if part.is_dir():
         shutil.rmtree(part, ignore_errors=True)

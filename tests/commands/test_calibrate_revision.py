@@ -76,7 +76,7 @@ def test_what_is_no_branch_is_refused_before_anything_runs(typed, pushed, online
     line = refusal(typed, REPO, tmp_path / "nowhere", f"--policy.pretrained_revision={revision}", "--push_to_hub=true")
     assert line == (
         f"nothing can be pushed to {revision} of {REPO}, which is no branch: choose from main, a, or download it and "
-        "calibrate the folder"
+        "take the folder"
     )
 
 

@@ -1,6 +1,7 @@
 """`gloves check`: its figures against counts by hand and the calibration's, and its verdict."""
 
 import logging
+import math
 import shutil
 
 import pytest
@@ -10,9 +11,11 @@ from lerobot.policies import get_policy_class
 
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
 from lerobot_gloves.checkpoints.on_data import open_adapter
-from lerobot_gloves.checkpoints.telling import CLEAN, KINDS, Chunks, tell, verdict, went_wrong
+from lerobot_gloves.checkpoints.telling import CLEAN, KINDS, Chunks, spread_out, tell, verdict, went_wrong
+from lerobot_gloves.commands import check as check_command
 from lerobot_gloves.commands.calibrate import calibrate
-from lerobot_gloves.commands.check import main
+from lerobot_gloves.commands.check import check, main
+from lerobot_gloves.report.tables import MISSING
 from lerobot_gloves.scores import ResidualScore, ReverseScore
 from tests.builders import FLOW, save_policy, write_dataset
 
@@ -34,21 +37,58 @@ def options(folder, data) -> list[str]:
 
 
 def chunks(clean, wrong, episode=None) -> Chunks:
-    scores = {kind: torch.tensor(wrong).double() for kind in KINDS}
-    return Chunks(
-        {"reverse": {CLEAN: torch.tensor(clean).double(), **scores}}, torch.tensor(episode or [0] * len(clean))
-    )
+    n, scores = len(clean), {kind: torch.tensor(wrong).double() for kind in KINDS}
+    scores[CLEAN] = torch.tensor(clean).double()
+    return Chunks({"reverse": scores}, torch.tensor(episode or [0] * n), torch.zeros(n), torch.empty(n, 0))
 
 
 def test_areas_and_shares_are_those_counted_by_hand():
     """2.5 lies above two of three, 4 above all, 1 above none and beside one: (2 + 3 + 0.5) / 9."""
     found = chunks([1.0, 2.0, 3.0], [2.5, 4.0, 1.0])
     assert found.area("reverse", "noised") == pytest.approx((5.5 / 9, 0.0, 1.0)), "one episode tells of no other"
-    assert found.seen("reverse", "noised", 0.0) == pytest.approx(1 / 3)
-    assert found.seen("reverse", "noised", 0.4) == pytest.approx(2 / 3)
+    # Of three scores a gate turns away what lies above all of them from alpha 1/4 on, and what above two from 1/2 on.
+    assert [found.threshold("reverse", alpha) for alpha in (0.2, 0.25, 0.5)] == [float("inf"), 3.0, 2.0]
+    assert [found.stopped("reverse", "noised", alpha) for alpha in (0.2, 0.25, 0.5)] == pytest.approx([0, 1 / 3, 2 / 3])
     unreplayed = chunks([1.0, 2.0, 3.0], [NAN, 4.0, 1.0])
     assert unreplayed.area("reverse", "replayed")[0] == pytest.approx(3.5 / 6)
-    assert unreplayed.seen("reverse", "replayed", 0.0) == 0.5
+    assert unreplayed.stopped("reverse", "replayed", 0.25) == 0.5
+
+
+def test_a_chunk_is_judged_by_the_other_episodes_alone():
+    """Episode 1's 9 lies above both of episode 0, whose own larger score says nothing of it."""
+    found = chunks([1.0, 2.0, 9.0, 1.5], [0.0] * 4, [0, 0, 1, 1])
+    assert found.p_values("reverse").tolist() == pytest.approx([3 / 3, 2 / 3, 1 / 3, 2 / 3])
+    assert chunks([1.0, 2.0], [0.0] * 2).p_values("reverse").tolist() == [1.0, 1.0], "one episode has no other"
+
+
+@pytest.mark.parametrize(
+    ("lengths", "most", "expected"),
+    [([15, 15], 400, (1, 12)), ([15, 4, 15], 6, (2, 6)), ([10, 9, 100], 12, (7, 14)), ([10], 1, (1, 1))],
+)
+def test_few_frames_are_all_taken_and_many_spread_out(lengths, most, expected):
+    """Of chunks of 10 an episode of 15 has 6 places; one of 100 has 91, of which every seventh is 13."""
+    assert spread_out(lengths, 10, most) == expected
+
+
+def test_for_what_the_data_are_too_few_is_said_before_anything_is_scored(adapter, tmp_path, typed, capsys, monkeypatch):
+    root = write_dataset(tmp_path / "few", episodes=4, length=[15, T - 1, T, T]).root
+    monkeypatch.setattr(check_command, "check_adapter", lambda *_, **__: pytest.exit("scoring"))
+    typed(*options(adapter, root))
+    with pytest.raises(pytest.exit.Exception, match="scoring"):
+        check()
+    line = capsys.readouterr().out.strip().splitlines()[-1]
+    assert line == (
+        f"{15 - T + 3} chunks of 3 episodes of me/tiny, one every frame (1 episodes are shorter than {T} actions and "
+        f"not among them): the smallest alpha of a gate on them is {math.ceil(1e4 / (15 - T + 4)) / 1e4:g} of chunks, "
+        "0.25 of episodes"
+    )
+
+
+def test_data_without_a_whole_chunk_are_refused(adapter, tmp_path, typed):
+    typed(*options(adapter, write_dataset(tmp_path / "short", episodes=2, length=T - 1).root))
+    with pytest.raises(SystemExit) as exit:
+        main()
+    assert str(exit.value.code) == f"gloves check: no episode is as long as a chunk of the adapter, {T} actions"
 
 
 def test_the_interval_is_of_episodes_not_of_chunks():
@@ -120,7 +160,8 @@ def test_an_untrained_adapter_is_not_usable_and_its_calibration_says_so(adapter,
     assert exit.value.code == 1
     printed = capsys.readouterr().out
     assert printed.strip().splitlines()[-1].startswith("not usable: ")
-    assert "| reverse:steps=1 | 0.05  |" in printed and "of 5 episodes of me/tiny" in printed
+    assert "| reverse:steps=1 | 0.05  |" in printed and "of 5 episodes of me/tiny, one every frame" in printed
+    assert "| first third of an episode " in printed and "| state 4: state_" in printed
 
 
 def test_without_an_adapter_there_is_one_line(typed, data):
@@ -143,15 +184,17 @@ def test_an_adapter_with_other_scores_is_asked_for_these(adapter, data, tmp_path
     assert "| residual:times=" in capsys.readouterr().out
 
 
-def test_what_short_episodes_cannot_show_is_left_out(adapter, tmp_path, typed, capsys):
-    """Of two chunks in a row there is none, so nothing is replayed: no column of NaN."""
+def test_what_short_episodes_cannot_show_is_said(adapter, tmp_path, typed, capsys):
+    """Of two chunks in a row there is none, so nothing is replayed: no NaN."""
     short = write_dataset(tmp_path / "short", episodes=3, length=2 * T - 2).root
     typed(*options(adapter, short))
     with pytest.raises(SystemExit):
         main()
     printed = capsys.readouterr().out
-    assert "nan" not in printed and "| replayed" not in printed and "| another moment |" in printed
-    assert "No episode is as long as two chunks, so that nothing can be replayed." in printed
+    assert "nan" not in printed and "no episode is as long as two chunks, so that nothing can be replayed:" in printed
+    header, _, first, *_ = [line.split("|") for line in printed.splitlines() if line.startswith("|")]
+    replayed = [cell.strip() for cell in header].index("replayed")
+    assert first[replayed].strip() == MISSING and first[replayed + 1].strip() != MISSING
 
 
 def test_ffmpeg_that_is_missing_is_no_page_of_tracebacks(adapter, data, typed, monkeypatch):
