@@ -21,6 +21,7 @@ from lerobot_gloves.report.overall import REFERENCES, Overall, overall_table
 from lerobot_gloves.report.paper import COLUMNS, KINDS, published_gain, published_mean, published_wins
 from lerobot_gloves.report.plots import overall_plot
 from lerobot_gloves.report.summary import summarise
+from lerobot_gloves.report.tuned import Pair, share, tuned_table
 from lerobot_gloves.specification import NONE
 from lerobot_gloves.system.files import whole
 
@@ -64,6 +65,9 @@ def overview(overall: Overall) -> str:
             harm=max(-100 * one.mean for one in unperturbed["FEEG"]),
             least=min(100 * one.low for one in unperturbed["FEEG+gate"]),
             **the_copilots(overall),
+            tuned_share=share(pairs := tuned(overall)),
+            tuned_tasks=", ".join(TASKS[pair.searched.name] for pair in pairs),
+            tuned_table=markdown(tuned_table(pairs)),
             kinds=", ".join(gains),
         )
     )
@@ -85,6 +89,16 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
         "copilot_above_raw": sum(one.low > 0 for one in played.differences(OURS)),
         "copilot_unperturbed": ", ".join(f"{low:+.1f} ({name})" for name, low in lowest.items()),
     }
+
+
+def tuned(overall: Overall) -> list[Pair]:
+    """What `gloves tune` chose, on the tasks that it was played on, beside what their searches chose."""
+    rows = {section.name: DOCS / "rows" / f"{section.name}_tuned" for section in overall.sections}
+    return [
+        Pair(section, summarise(read_rows(rows[section.name]))[0])
+        for section in overall.sections
+        if rows[section.name].is_dir()
+    ]
 
 
 def searched(overall: Overall) -> dict[str, str]:

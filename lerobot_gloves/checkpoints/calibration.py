@@ -2,18 +2,16 @@
 
 import hashlib
 import json
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from huggingface_hub import hf_hub_download
-from huggingface_hub.errors import EntryNotFoundError, LocalEntryNotFoundError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from lerobot_gloves.checkpoints.beside import beside
 from lerobot_gloves.system.files import whole
 
 CALIBRATION_NAME = "calibration.safetensors"
@@ -136,16 +134,8 @@ class Calibration:
         Raises:
             ValueError: If the file is not a calibration.
         """
-        path = Path(checkpoint) / CALIBRATION_NAME
-        if not Path(checkpoint).is_dir():
-            try:
-                path = Path(hf_hub_download(str(checkpoint), CALIBRATION_NAME, revision=revision))
-            except LocalEntryNotFoundError:
-                logging.warning("the Hub is out of reach: %s is used without the calibration it may have", checkpoint)
-                return None
-            except EntryNotFoundError:
-                return None
-        if not path.exists():
+        path = beside(checkpoint, CALIBRATION_NAME, revision, "calibration")
+        if path is None:
             return None
         try:
             with safe_open(path, framework="pt") as file:

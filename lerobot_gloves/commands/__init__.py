@@ -7,6 +7,7 @@ COMMANDS = {
     "record": "record a task's scripted expert, or an agent, as a LeRobotDataset",
     "calibrate": "score held-out expert episodes with a trained adapter and store the calibration",
     "check": "see whether a trained adapter can tell an expert's chunks from others",
+    "tune": "choose an adapter's method and gate without a simulator",
     "push": "upload a trained checkpoint with its calibration and its card",
     "bench": "run perturbation x method x seed on a task",
     "demo": "see an imperfect policy get better",

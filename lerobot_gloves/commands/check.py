@@ -14,12 +14,12 @@ from lerobot_gloves.checkpoints.card import write_card
 from lerobot_gloves.checkpoints.checked import Checked, check_adapter
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
 from lerobot_gloves.checkpoints.hub import push, pushed_to
+from lerobot_gloves.checkpoints.logged import of_one_length, read_log
 from lerobot_gloves.checkpoints.on_data import AdapterOnData, named_adapter, open_adapter
 from lerobot_gloves.checkpoints.telling import spread_out
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.commands.start import start
 from lerobot_gloves.recording.asked import asked
-from lerobot_gloves.recording.logged import read_log
 from lerobot_gloves.recording.sources import expert_episodes
 from lerobot_gloves.report.check_tables import check_card, check_text
 from lerobot_gloves.specification import parse_all, specification
@@ -97,7 +97,10 @@ def check(cfg: CheckConfig) -> bool:
     if cfg.agent is not None:
         what = {"agent": cfg.agent, "ask": asked(cfg.agent, opened.meta, str(cfg.policy.device))}
     if cfg.log is not None:
-        known = read_log(cfg.log, list(scores), size)
+        known = of_one_length(read_log(cfg.log), size)
+        if lacking := [name for name in scores if name not in known.scores]:
+            there = ", ".join(known.scores)
+            raise ValueError(f"{cfg.log} has no {', '.join(lacking)}, but {there}: name these by --scores")
         left = f", without {known.others} of other lengths" if known.others else ""
         what = {"agent": f"{cfg.log} ({len(next(iter(known.scores.values())))}{left})", "known": known}
     print(beforehand(opened, cfg.chunks), end="\n\n", flush=True)

@@ -21,6 +21,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.card import policy_card
+from lerobot_gloves.checkpoints.recommendation import Recommendation
 from lerobot_gloves.flow import flow_matching_loss, integrate
 from lerobot_gloves.generators import Episodes, randn, spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
@@ -46,6 +47,7 @@ class FlowPolicy(PreTrainedPolicy):
     Attributes:
         calibration: The calibration of the checkpoint that these weights are from, None if it has none. Saving and
             pushing the policy carries it along, as long as it belongs to the weights.
+        recommendation: What `gloves tune` chose for them, likewise.
     """
 
     config_class = FlowConfig
@@ -73,6 +75,7 @@ class FlowPolicy(PreTrainedPolicy):
         self.ema = AveragedModel(self.network, multi_avg_fn=self._average)
         self.ema.requires_grad_(False)
         self.calibration: Calibration | None = None
+        self.recommendation: Recommendation | None = None
         self._episodes = Episodes()
         self.reset()
 
@@ -108,17 +111,23 @@ class FlowPolicy(PreTrainedPolicy):
             policy.network.load_state_dict(policy.averaged.state_dict())
         else:
             policy.calibration = Calibration.load(pretrained_name_or_path, kwargs.get("revision"))
+            policy.recommendation = Recommendation.load(pretrained_name_or_path, kwargs.get("revision"))
         return policy
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
         super()._save_pretrained(save_directory, state_dict=state_dict)
-        if self.calibration is None:
+        if self.calibration is None and self.recommendation is None:
             return
-        if weights_hash(self.state_dict() if state_dict is None else state_dict) == self.calibration.weights:
-            self.calibration.save(save_directory)
-        else:
-            logging.warning("the weights have changed, so their calibration is not saved: run gloves calibrate again")
-            self.calibration = None
+        weights = weights_hash(self.state_dict() if state_dict is None else state_dict)
+        for name, command in (("calibration", "calibrate"), ("recommendation", "tune")):
+            kept = getattr(self, name)
+            if kept is not None and kept.weights != weights:
+                logging.warning(
+                    "the weights have changed, so their %s is not saved: run gloves %s again", name, command
+                )
+                setattr(self, name, None)
+            elif kept is not None:
+                kept.save(save_directory)
 
     def generate_model_card(self, *_: Any, cfg: TrainPipelineConfig | None = None, **__: Any) -> ModelCard:
         """The card that LeRobot pushes beside the weights; LeRobot's own tells how to run a policy by itself."""

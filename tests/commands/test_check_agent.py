@@ -11,12 +11,12 @@ from lerobot.configs import PreTrainedConfig
 from torch.utils.data import DataLoader
 
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
+from lerobot_gloves.checkpoints.logged import of_one_length, read_log
 from lerobot_gloves.checkpoints.on_data import open_adapter
 from lerobot_gloves.checkpoints.telling import AGENT, BESIDE, CLEAN, tell
 from lerobot_gloves.commands.calibrate import calibrate
 from lerobot_gloves.commands.check import main
 from lerobot_gloves.recording.asked import asked
-from lerobot_gloves.recording.logged import read_log
 from lerobot_gloves.scores import ReverseScore
 from tests.builders import ACT, FLOW, load, save_policy, write_dataset
 
@@ -91,21 +91,21 @@ def test_it_stands_in_the_report_and_on_the_page(adapter, agent, data, typed, ca
 
 def test_a_log_is_read_by_the_length_that_most_have(tmp_path):
     file = tmp_path / "chunks.jsonl"
-    lines = [{"length": 9, "score": 1.0}, {"length": 2, "score": 5.0}, {"length": 6, "score": float("inf")}]
+    scores = [(9, 1.0), (2, 5.0), (6, float("inf"))]
+    lines = [{"length": length, "scores": {"reverse": score, "residual": 0.5}} for length, score in scores]
     file.write_text("\n".join(json.dumps(line).replace("Infinity", "1e999") for line in lines))
-    found = read_log(file, ["reverse"], T)
-    assert (found.length, found.others, found.scores["reverse"].tolist()) == (T, 1, [1.0, float("inf")])
-    for line in lines:
-        line["scores"] = {"reverse": line["score"], "residual": 0.5}
-    file.write_text("\n".join(json.dumps(line) for line in lines))
-    assert read_log(file, ["residual"], T).scores["residual"].tolist() == [0.5, 0.5]
-    with pytest.raises(ValueError, match=r"has no correction, but reverse, residual: name these by --scores"):
-        read_log(file, ["reverse", "correction"], T)
+    found = of_one_length(read_log(file), T)
+    assert (found.length, found.others) == (T, 1)
+    assert {name: score.tolist() for name, score in found.scores.items()} == {
+        "reverse": [1.0, float("inf")],
+        "residual": [0.5, 0.5],
+    }
 
 
 def test_a_logs_scores_are_judged_by_the_experts(adapter, data, typed, capsys, tmp_path):
     file = tmp_path / "chunks.jsonl"
-    file.write_text("".join(json.dumps({"length": 2, "score": 1e9 * one}) + "\n" for one in (0, 1, 1, 1)))
+    lines = [{"length": 2, "scores": {"reverse:steps=1": 1e9 * one}} for one in (0, 1, 1, 1)]
+    file.write_text("\n".join(map(json.dumps, lines)))
     typed(*options(adapter, data, f"--log={file}", "--scores=[reverse]"))
     with pytest.raises(SystemExit):
         main()
@@ -121,14 +121,16 @@ def test_a_logs_scores_are_judged_by_the_experts(adapter, data, typed, capsys, t
         (["--log=nowhere"], "nowhere is no file: --log takes what --policy.log wrote"),
         (["--html={folder}"], "{folder} is a folder: --html takes the file to write"),
         (["--agent=nowhere"], "--agent=nowhere is no checkpoint's folder, nor one on the Hub in reach"),
-        (["--log={log}"], "{log} does not name its score: say which it was, as in --scores='[reverse:steps=1]'"),
-        (["--log={text}"], "{text} is not a log of the wrapper's, as --policy.log writes it"),
+        (["--log={log}"], "{log} has no reverse:steps=1, reverse:steps=5, but residual: name these by --scores"),
+        (["--log={unscored}"], "{unscored} holds no scores: --policy.score=reverse:steps=5 and --policy.method=none"),
+        (["--log={text}"], "line 1 of {text} is none that --policy.log writes"),
     ],
 )
 def test_bad_input_gets_one_line_before_anything_is_scored(adapter, data, typed, capsys, tmp_path, more, said):
-    (tmp_path / "log").write_text('{"length": 2, "score": 1.0}')
+    (tmp_path / "log").write_text('{"length": 2, "scores": {"residual": 1.0}}')
+    (tmp_path / "unscored").write_text('{"length": 2}')
     (tmp_path / "text").write_text("success")
-    names = {"folder": tmp_path, "log": tmp_path / "log", "text": tmp_path / "text"}
+    names = {"folder": tmp_path} | {name: tmp_path / name for name in ("log", "unscored", "text")}
     typed(*options(adapter, data, *(one.format(**names) for one in more)))
     assert refusal().startswith(f"gloves check: {said.format(**names)}")
     assert "smallest alpha" not in capsys.readouterr().out

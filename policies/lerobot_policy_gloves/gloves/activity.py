@@ -16,9 +16,11 @@ def start_line(config: GlovesConfig, corrector: Corrector) -> str:
     data = trained_on(str(config.adapter), config.adapter_revision) or "unknown data"
     kind = corrector.adapter.config.type
     told.append(f"adapter {_named(config.adapter, config.adapter_revision)} ({kind}, trained on {data})")
-    told.append(f"method {specification(corrector.editor, corrector.adapter.editors)}")
-    if config.gate:
-        told.append(f"gate at alpha {config.alpha:g} of {config.alpha_of} by {' + '.join(corrector.gate.names)}")
+    settings = corrector.settings
+    by = " (recommended by gloves tune)" if settings.recommended else ""
+    told.append(f"method {specification(corrector.editor, corrector.adapter.editors)}{by}")
+    if settings.gate:
+        told.append(f"gate at alpha {settings.alpha:g} of {settings.alpha_of} by {' + '.join(corrector.gate.names)}")
     else:
         told.append("no gate" if corrector.editor is None else "no gate: every chunk is edited")
     calibration = corrector.calibration

@@ -62,13 +62,16 @@ class GlovesConfig(PreTrainedConfig):
     adapter_overrides: list[str] = field(default_factory=list)
     # Observation keys of the environment to those that the adapter was trained on.
     adapter_rename_map: dict[str, str] = field(default_factory=dict)
-    # The editor and its options, NAME[:KEY=VALUE,...], such as feeg:start=0.4; none edits nothing. By default the
-    # adapter's own: feeg for an expert flow, ifae for an align flow.
+    # The editor and its options, NAME[:KEY=VALUE,...], such as feeg:start=0.4; none edits nothing. By default what
+    # gloves tune recommends, with its gate, score and alpha, else the adapter's own: feeg for an expert flow, ifae for
+    # an align flow.
     method: str | None = None
-    # Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter.
-    gate: bool = False
-    # The gate's significance level: the share of expert chunks that it would turn away.
-    alpha: float = 0.05
+    # Whether chunks that look like the expert's pass unchanged; needs a calibrated adapter. By default as gloves tune
+    # recommends, if no method is named, else false.
+    gate: bool | None = None
+    # The gate's significance level: the share of expert chunks that it would turn away. By default as gloves tune
+    # recommends, if no method is named, else 0.05.
+    alpha: float | None = None
     # What alpha is a share of: chunks, or episodes, of which the others then pass from beginning to end.
     alpha_of: str = "chunks"
     # The nonconformity score and its options, such as reverse:steps=5. By default the adapter's first, if it has any.

@@ -15,11 +15,13 @@ from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import SAME_RATE, check_features, check_rate
 from lerobot_gloves.checkpoints.loading import load_policy
+from lerobot_gloves.checkpoints.recommendation import Recommendation
 from lerobot_gloves.checkpoints.statistics import Constants, action_range
 from lerobot_gloves.specification import name_of, parse_all, parse_optional, specification
 
 from .configuration_gloves import GlovesConfig
 from .gate import Gate
+from .settings import Settings, settle
 
 
 @dataclass
@@ -73,6 +75,7 @@ class Corrector:
     """Loads the adapter that a wrapper names and corrects proposals with it.
 
     Attributes:
+        settings: Method and gate, whoever chose them.
         bounds: Between what the entries of an edited action lie, raw, (A,) each: by default the range of the data that
             the adapter was trained on; None for any number.
 
@@ -97,23 +100,27 @@ class Corrector:
                 f"{adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
-        self.editor, scores = choose(config, self.adapter)
+        self.calibration = calibration = Calibration.load(adapter, config.adapter_revision)
+        recommendation = Recommendation.load(adapter, config.adapter_revision) if config.method is None else None
+        if stored := [one for one in (calibration, recommendation) if one is not None]:
+            weights = weights_hash(self.loaded.policy.state_dict())
+            for one in stored:
+                one.check(weights)
+        self.settings = settle(config, self.adapter, recommendation)
+        self.editor, scores = choose(config, self.settings, self.adapter)
         self.bounds = action_range(self.loaded.preprocess)
         self.constants = Constants(self.loaded.preprocess)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
         self.history = getattr(self.adapter, "history", 0)
-        self.gated = config.gate
-        self.scored = bool(scores) and (config.gate or config.log is not None)
-        self.calibration = calibration = Calibration.load(adapter, config.adapter_revision)
-        if calibration is not None:
-            calibration.check(weights_hash(self.loaded.policy.state_dict()))
+        self.gated = self.settings.gate
+        self.scored = bool(scores) and (self.gated or config.log is not None)
         by_editor = getattr(self.editor, "needs_threshold", False)
-        needed = config.gate or by_editor or len(scores) > 1
+        needed = self.gated or by_editor or len(scores) > 1
         if needed and calibration is None:
             editor = name_of(specification(self.editor, self.adapter.editors))
-            what = "the gate" if config.gate else editor if by_editor else f"--policy.score={config.score}"
+            what = "the gate" if self.gated else editor if by_editor else f"--policy.score={config.score}"
             raise ValueError(
                 f"{what} needs a calibration, and {adapter} has none: run gloves calibrate --policy.path={adapter} "
                 + (f"--policy.pretrained_revision={config.adapter_revision} " if config.adapter_revision else "")
@@ -125,7 +132,7 @@ class Corrector:
                 f"the adapter's guidance is {guidance:g}, but it was calibrated with {calibration.guidance:g}: "
                 f"run gloves calibrate --policy.guidance={guidance:g}"
             )
-        self.gate = Gate(config, self.adapter, scores, calibration, needed)
+        self.gate = Gate(self.settings, self.adapter, scores, calibration, needed)
 
     def reset(self) -> None:
         """A new episode begins."""
@@ -230,26 +237,25 @@ class Corrector:
         return raw.clamp(low, high)
 
 
-def choose(config: GlovesConfig, adapter: Adapter) -> tuple[Any, tuple[Any, ...]]:
-    """The editor, None for none, and the scores that a wrapper names, by default the adapter's own.
+def choose(config: GlovesConfig, settings: Settings, adapter: Adapter) -> tuple[Any, tuple[Any, ...]]:
+    """The editor, None for none, and the scores of a wrapper's settings.
 
     Raises:
         ValueError: If the adapter lacks one of them, has no agent flow where the editor needs one, or no score where
             the gate does.
     """
-    method = config.method or adapter.default_editor
+    method = settings.method
     editor = parse_optional(method, adapter.editors, "method")
     if getattr(editor, "needs_agent", False) and not getattr(adapter, "has_agent", False):
         raise ValueError(
             f"{name_of(method)} needs the agent's flow besides the expert's: take a gloves_align_flow as "
             """adapter, or name one by --policy.adapter_overrides='["--agent_flow=<checkpoint>"]'"""
         )
-    if not adapter.scores and (config.gate or config.score is not None):
+    if not adapter.scores and (settings.gate or settings.score is not None):
         raise ValueError(
             f"{config.adapter} scores no proposals, so it has no gate: leave out --policy.gate and --policy.score"
         )
-    name = config.score or next(iter(adapter.scores), None)
-    return editor, () if name is None else parse_all(name, adapter.scores, "score")
+    return editor, () if settings.score is None else parse_all(settings.score, adapter.scores, "score")
 
 
 def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:

@@ -14,7 +14,7 @@ from lerobot_gloves.scores import Joint, Leading
 from lerobot_gloves.scores.joint import excess
 from lerobot_gloves.specification import specification
 
-from .configuration_gloves import GlovesConfig
+from .settings import Settings
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +26,7 @@ class Gate:
         names: The specification of each score.
 
     Args:
-        config: The wrapper's settings.
+        settings: Method and gate.
         adapter: What scores.
         scores: The scores that the wrapper names; none for an adapter without any.
         calibration: The adapter's; None if it has none.
@@ -38,7 +38,7 @@ class Gate:
 
     def __init__(
         self,
-        config: GlovesConfig,
+        settings: Settings,
         adapter: Adapter,
         scores: tuple[Any, ...],
         calibration: Calibration | None,
@@ -46,7 +46,7 @@ class Gate:
     ):
         self.scores = scores
         self.names = [specification(score, adapter.scores) for score in scores]
-        self._alpha, self._by_episode = config.alpha, config.alpha_of == "episodes"
+        self._alpha, self._by_episode = settings.alpha, settings.alpha_of == "episodes"
         known = calibration is not None and all(name in calibration.scores for name in self.names)
         self._calibration = calibration if needed or known else None
         self._needed = needed
@@ -54,7 +54,7 @@ class Gate:
         self._judged: dict[int, int] = {}
         # What is wrong shall not wait for the first chunk that has such a length.
         for length in calibration.calibrated if needed and calibration is not None else ():
-            if (test := self.test(length)) is not None and config.alpha > 0:
+            if (test := self.test(length)) is not None and settings.alpha > 0:
                 self._check(test)
 
     def judged(self, length: int) -> int:

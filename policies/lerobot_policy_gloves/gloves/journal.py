@@ -88,7 +88,7 @@ class Journal:
                 "milliseconds": correction.milliseconds,
                 "evaluations": float(correction.evaluations[row]),
             }
-            if len(correction.each) > 1:
+            if correction.each:
                 line["scores"] = {name: float(score[row]) for name, score in correction.each.items()}
             if perturbed is not None:
                 line["perturbed"] = bool(perturbed[row])
