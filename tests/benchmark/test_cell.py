@@ -60,7 +60,7 @@ def test_options_reach_the_wrapper_with_the_perturbations_name(agent: str, adapt
 
 def test_the_raw_agent_has_no_adapter(agent: str, adapter: str) -> None:
     policy = load(setup_of(agent, adapter, score="reverse:steps=5"), Cell("none", "none", 0)).policy
-    assert (policy.config.adapter, policy.config.score, policy.config.gate) == (None, None, False)
+    assert (policy.config.adapter, policy.config.score, policy.config.gate) == (None, None, None)
 
 
 @pytest.mark.parametrize(
