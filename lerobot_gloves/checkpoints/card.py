@@ -9,6 +9,7 @@ from huggingface_hub import ModelCard, ModelCardData
 from lerobot.configs import PreTrainedConfig
 
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.recommendation import Recommendation
 
 CARD_NAME = "README.md"
 MARK = "<!-- Made anew by every calibration; without this line it is left as it is. -->"
@@ -25,6 +26,7 @@ def policy_card(
     calibration: Calibration | None,
     repo_id: str | None,
     checked: str = "",
+    recommended: Recommendation | None = None,
 ) -> ModelCard:
     """The card of a policy whose class says what it is `about`.
 
@@ -35,6 +37,7 @@ def policy_card(
         calibration: What its gate was calibrated on; None for nothing.
         repo_id: Where it lies on the Hub; None for a folder.
         checked: The section on a check, with its mark; empty for none.
+        recommended: What `gloves tune` chose for it; None for nothing.
     """
     name: str = config.type
     data, adapter = training.get("dataset") or {}, hasattr(kind, "editors")
@@ -56,7 +59,7 @@ def policy_card(
     parts = [
         f"# {repo_id or name}",
         about,
-        _use(kind, repo_id or "<this folder>", calibration) if adapter else _play(repo_id),
+        _use(kind, repo_id or "<this folder>", calibration, recommended) if adapter else _play(repo_id),
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in known.items())]),
         *([checked] if checked else []),
     ]
@@ -97,13 +100,18 @@ def write_card(
         section = f"{mark}\n## Checked\n\n{checked}" if checked else ""
         if known and (brief or not checked):
             section = mark + before.rstrip()
-        policy_card(type(policy), policy.config, training, calibration, repo_id, section).save(file)
+        recommended = Recommendation.load(folder)
+        policy_card(type(policy), policy.config, training, calibration, repo_id, section, recommended).save(file)
     else:
         logging.info("%s is not ours, so it is left as it is", file)
 
 
-def _use(kind: Any, name: str, calibration: Calibration | None) -> str:
-    gate = " --policy.gate=true" if calibration is not None and kind.default_editor != "copilot" else ""
+def _use(kind: Any, name: str, calibration: Calibration | None, recommended: Recommendation | None) -> str:
+    gated = calibration is not None and kind.default_editor != "copilot" and recommended is None
+    gate = " --policy.gate=true" if gated else ""
+    default = f"`{kind.default_editor}`"
+    if recommended is not None:
+        default = f"what `gloves tune` recommends, `{' '.join(recommended.flags)}`"
     editors = ", ".join(f"`{editor}`" for editor in kind.editors)
     return f"""It is no policy to be run by itself but an adapter: it corrects yours, whose weights stay as they are.
 
@@ -112,7 +120,7 @@ lerobot-eval --policy.path=<your policy> --env.type=<your environment> \\
     --policy.wrap=gloves --policy.adapter={name}{gate}
 ```
 
-`--policy.method` chooses how it edits: {editors}; without it, `{kind.default_editor}`. The same options work with
+`--policy.method` chooses how it edits: {editors}; without it, {default}. The same options work with
 `lerobot-rollout` on a robot, once `lerobot_policy_gloves` is installed."""
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from lerobot.configs import PreTrainedConfig, parser
 
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
+from lerobot_gloves.checkpoints.card import write_card
 from lerobot_gloves.checkpoints.corrupted import corrupt_and_edit
 from lerobot_gloves.checkpoints.held_out import HeldOutConfig
 from lerobot_gloves.checkpoints.logged import p_values, read_log
@@ -131,6 +132,7 @@ def tune(cfg: TuneConfig) -> Recommendation:
     print(report(ranked, cfg.most_change))
     print(f"\n{' '.join(chosen.flags)}")
     chosen.save(folder)
+    write_card(folder, adapter, opened.trained, calibration, None, brief=True)
     logging.info("%d chunks of %d episodes -> %s", chosen.chunks, len(opened.episodes), folder / RECOMMENDATION_NAME)
     return chosen
 

@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from lerobot_gloves.checkpoints.card import CARD_NAME
 from lerobot_gloves.checkpoints.recommendation import RECOMMENDATION_NAME, Recommendation
 from lerobot_gloves.commands.tune import main, tune
 from tests.builders import calibrate, save_policy, wrap, write_dataset
@@ -42,6 +43,9 @@ def test_it_prints_flags_and_writes_what_the_wrapper_then_does(kind, data, tmp_p
     made = Recommendation.load(folder)
     assert printed.strip().splitlines()[-1] == " ".join(made.flags) and made.method == rows[0]
     assert made.chunks >= 6 and made.repo_id == "me/tiny"
+    card = (folder / CARD_NAME).read_text()
+    assert f"what `gloves tune` recommends, `{' '.join(made.flags)}`" in card
+    assert "--policy.gate" not in card.partition("```bash")[2].partition("```")[0], "it is part of what is recommended"
     agent = save_policy(tmp_path / "agent", "gloves_flow_policy")
     settings = wrap(agent, adapter=folder)._corrector.settings
     assert (settings.method, settings.gate, settings.recommended) == (made.method, made.gate, True)
