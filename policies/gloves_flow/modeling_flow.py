@@ -132,8 +132,9 @@ class FlowPolicy(PreTrainedPolicy):
     def generate_model_card(self, *_: Any, cfg: TrainPipelineConfig | None = None, **__: Any) -> ModelCard:
         """The card that LeRobot pushes beside the weights; LeRobot's own tells how to run a policy by itself."""
         training = {} if cfg is None else cfg.to_dict()
-        known = {"calibration": self.calibration, "recommended": self.recommendation}
-        return policy_card(type(self), self.config, training, repo_id=self.config.repo_id, **known)
+        return policy_card(
+            type(self), self.config, training, self.calibration, self.config.repo_id, recommended=self.recommendation
+        )
 
     @staticmethod
     def facts(config: Any) -> Mapping[str, str]:
