@@ -71,17 +71,17 @@ class AdapterOnData:
         )
 
 
-def named_adapter() -> PreTrainedConfig | None:
-    """The configuration of the adapter that `--policy.path` names, with what else was typed of it; None if none is.
+def named_adapter() -> PreTrainedConfig:
+    """The configuration of the adapter that `--policy.path` names, with what else was typed of it.
 
     Its `pretrained_path` is that path, its `pretrained_revision` what was typed.
 
     Raises:
-        ValueError: If there is no checkpoint, or it has no such options.
+        ValueError: If none is named, there is no checkpoint, or it has no such options.
     """
     path = parser.get_path_arg("policy")
     if not path:
-        return None
+        raise ValueError("--policy.path is missing, a trained checkpoint")
     typed, written = parser.get_cli_overrides("policy") or [], parser.get_yaml_overrides("policy")
     # The configuration is the revision's as well, so that it has to be known before it is read.
     revision = parser.parse_arg("pretrained_revision", [*typed, *written])

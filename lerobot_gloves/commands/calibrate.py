@@ -81,8 +81,6 @@ class CalibrateConfig:
                 "or add --push_to_hub=true to calibrate it on the Hub"
             )
         self.policy = named_adapter()
-        if self.policy is None:
-            raise ValueError("gloves calibrate needs --policy.path, the adapter's checkpoint")
 
     @classmethod
     def __get_path_fields__(cls) -> list[str]:

@@ -76,8 +76,6 @@ class CheckConfig:
         if self.html is not None and self.html.is_dir():
             raise ValueError(f"{self.html} is a folder: --html takes the file to write")
         self.policy = named_adapter()
-        if self.policy is None:
-            raise ValueError("gloves check needs --policy.path, the adapter's checkpoint")
 
     @classmethod
     def __get_path_fields__(cls) -> list[str]:

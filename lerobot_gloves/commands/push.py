@@ -25,8 +25,6 @@ class PushConfig:
 
     def __post_init__(self) -> None:
         self.policy = named_adapter()
-        if self.policy is None:
-            raise ValueError("gloves push needs --policy.path, a checkpoint's folder")
         if not Path(str(self.policy.pretrained_path)).is_dir():
             raise ValueError(f"{self.policy.pretrained_path} is no folder, so there is nothing to push")
         user, _, name = (self.policy.repo_id or "").partition("/")

@@ -82,8 +82,6 @@ class TuneConfig:
         if path and not Path(path).is_dir():
             raise ValueError(f"{path} is no folder, where the choice could be written: download the checkpoint first")
         self.policy = named_adapter()
-        if self.policy is None:
-            raise ValueError("gloves tune needs --policy.path, the adapter's checkpoint")
 
     @classmethod
     def __get_path_fields__(cls) -> list[str]:

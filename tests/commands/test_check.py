@@ -168,7 +168,7 @@ def test_without_an_adapter_there_is_one_line(typed, data):
     typed("--dataset.repo_id=me/tiny", f"--dataset.root={data}")
     with pytest.raises(SystemExit) as exit:
         main()
-    assert str(exit.value.code) == "gloves check: gloves check needs --policy.path, the adapter's checkpoint"
+    assert str(exit.value.code) == "gloves check: --policy.path is missing, a trained checkpoint"
 
 
 def test_an_adapter_with_other_scores_is_asked_for_these(adapter, data, tmp_path, typed, capsys, monkeypatch):

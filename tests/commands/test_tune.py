@@ -62,7 +62,7 @@ def test_without_a_calibration_no_gate_is_tried(data, tmp_path, typed, capsys, c
 
 def test_what_cannot_be_is_one_line_and_nothing_is_written(data, tmp_path, typed):
     folder = save_policy(tmp_path / "adapter", "gloves_expert_flow", seed=7)
-    assert "needs --policy.path" in refused(typed, "--dataset.repo_id=me/tiny")
+    assert "--policy.path is missing, a trained checkpoint" in refused(typed, "--dataset.repo_id=me/tiny")
     assert "me/gone is no folder" in refused(typed, *options("me/gone", data))
     assert "there is no fault 'flood'" in refused(typed, *options(folder, data, "--faults=[flood]"))
     assert "chunks is 0" in refused(typed, *options(folder, data, "--chunks=0"))
