@@ -20,7 +20,7 @@ from lerobot_gloves.report.markdown import markdown, report_markdown
 from lerobot_gloves.report.overall import REFERENCES, Overall, overall_table
 from lerobot_gloves.report.paper import COLUMNS, KINDS, published_gain, published_mean, published_wins
 from lerobot_gloves.report.plots import overall_plot
-from lerobot_gloves.report.summary import Section, summarise
+from lerobot_gloves.report.summary import summarise
 from lerobot_gloves.report.tuned import Pair, share, tuned_table
 from lerobot_gloves.specification import NONE
 from lerobot_gloves.system.files import whole
@@ -92,21 +92,13 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
 
 
 def tuned(overall: Overall) -> list[Pair]:
-    """What `gloves tune` chose, on the tasks that it was played on, beside what their searches chose.
-
-    The search's choice is that of the task's own rows, or, where what was tuned is another training than theirs, of
-    rows of its own.
-    """
-
-    def rows(name: str) -> Section:
-        return summarise(read_rows(DOCS / "rows" / name))[0]
-
-    def beside(section: Section) -> Section:
-        name = f"{section.name}_searched"
-        return rows(name) if (DOCS / "rows" / name).is_dir() else section
-
-    played = [section for section in overall.sections if (DOCS / "rows" / f"{section.name}_tuned").is_dir()]
-    return [Pair(beside(section), rows(f"{section.name}_tuned")) for section in played]
+    """What `gloves tune` chose, on the tasks that it was played on, beside what their searches chose."""
+    rows = {section.name: DOCS / "rows" / f"{section.name}_tuned" for section in overall.sections}
+    return [
+        Pair(section, summarise(read_rows(rows[section.name]))[0])
+        for section in overall.sections
+        if rows[section.name].is_dir()
+    ]
 
 
 def searched(overall: Overall) -> dict[str, str]:
