@@ -185,9 +185,11 @@ def main() -> None:
         ),
         "one-step gate / one forward pass": ratio(gated, forward, 10 * arguments.repeats),
     }
-    every = methods(arguments.batch)
-    for name in ("copilot, unlimited", "copilot"):
-        rows[f"{name} / CSA"] = ratio(every[name].run, every["CSA"].run, 10 * arguments.repeats)
+    for batch in (1, arguments.batch):
+        every = methods(batch)
+        for name in ("copilot, unlimited", "copilot"):
+            value = ratio(every[name].run, every["CSA"].run, 10 * arguments.repeats)
+            rows[f"{name} / CSA" + (", one robot" if batch == 1 else "")] = value
     print(f"batch {arguments.batch}, one thread, torch {torch.__version__}")
     for name, (value, ours, bare) in rows.items():
         print(f"{name}: {value:.3f}x ({ours:.2f} ms / {bare:.2f} ms)")

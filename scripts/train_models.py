@@ -53,7 +53,7 @@ OPTIONS: dict[str, dict[str, dict[str, int]]] = {
             _SHORT | {"policy.samples_per_item": 1, "batch_size": 64, "steps": 12000},
         ),
         "align_flow": _SHORT | {"policy.samples_per_item": 1, "batch_size": 64, "steps": 15000},
-        "copilot": _SHORT,
+        "copilot": _SHORT | {"steps": 12000},
     },
 }
 """By task and model, the options of `lerobot-train` over configs/cpu/<model>.yaml; Keypad and CAN have none."""

@@ -15,12 +15,13 @@ from typing import Any
 
 from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.benchmark.matrix_file import read_chosen, read_yaml
+from lerobot_gloves.report.beside import OURS, AllBeside, Beside, natural_table
 from lerobot_gloves.report.html_page import svg
 from lerobot_gloves.report.markdown import markdown, report_markdown
 from lerobot_gloves.report.overall import REFERENCES, Overall, overall_table
 from lerobot_gloves.report.paper import COLUMNS, KINDS, published_gain, published_mean, published_wins
 from lerobot_gloves.report.plots import overall_plot
-from lerobot_gloves.report.summary import summarise
+from lerobot_gloves.report.summary import Section, summarise
 from lerobot_gloves.report.tuned import Pair, share, tuned_table
 from lerobot_gloves.specification import NONE
 from lerobot_gloves.system.files import whole
@@ -31,7 +32,6 @@ TASKS = {"slalom": "Slalom", "keypad": "Keypad", "can": "CAN", "charger": "Charg
 OTHERS = "measurements"
 PICTURE = "images/results.svg"
 FEEG = ("FEEG", "FEEG+gate")
-OURS = "copilot"
 MADE = "This page is written by `python scripts/write_results.py` from `docs/rows/`."
 
 
@@ -74,20 +74,22 @@ def overview(overall: Overall) -> str:
 
 
 def the_copilots(overall: Overall) -> dict[str, Any]:
-    """The figures of the copilot, on the tasks that it was played on."""
-    played = Overall([section for section in overall.sections if OURS in section.methods])
-    cells, methods = len(played.cells), [method for method in played.methods if method != OURS]
-    lowest = {section.name: 100 * section.results[NONE, OURS].difference.low for section in played.sections}
+    """The figures of the copilot. Where it was played beside another training of the agent, it has rows of its own."""
+
+    def rows(section: Section) -> Section:
+        folder = DOCS / "rows" / f"{section.name}_copilot"
+        return summarise(read_rows(folder))[0] if folder.is_dir() else section
+
+    found = AllBeside([Beside(rows(section), section) for section in overall.sections])
+    short = {title: DOCS / "rows" / f"{task}_short" for task, title in TASKS.items()}
+    natural = {f"{title}, stopped early": summarise(read_rows(folder))[0] for title, folder in short.items()}
     return {
-        "copilot_table": markdown(overall_table(played, searched(played))),
-        "copilot_tasks": len(played.sections),
-        "copilot_cells": cells,
-        "copilot_mean": {method: played.mean(method) for method in played.methods},
-        "copilot_leads": played.leads(OURS),
-        "copilot_ahead": {method: played.ahead(OURS, method) for method in methods},
-        "copilot_furthest": played.behind_the_best(OURS),
-        "copilot_above_raw": sum(one.low > 0 for one in played.differences(OURS)),
-        "copilot_unperturbed": ", ".join(f"{low:+.1f} ({name})" for name, low in lowest.items()),
+        "natural_table": markdown(natural_table(natural)),
+        "copilot": found,
+        "copilot_table": markdown(found.table()),
+        "copilot_mean": {method: found.mean(method) for method in (*COLUMNS, OURS)},
+        "copilot_ahead": {method: found.ahead(method) for method in COLUMNS},
+        "copilot_unperturbed": ", ".join(f"{low:+.1f} ({name})" for name, low in found.lowest_unperturbed.items()),
     }
 
 

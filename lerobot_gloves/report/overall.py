@@ -113,15 +113,6 @@ class Overall:
         means = [[section.results[kind, name].mean for section in sections] for name in (method, COLUMNS[0])]
         return 100 * (fmean(means[0]) - fmean(means[1]))
 
-    def ahead(self, method: str, other: str) -> int:
-        """In how many cells a method has more success than another."""
-        return sum(one.mean > two.mean for one, two in zip(self.results(method), self.results(other), strict=True))
-
-    def behind_the_best(self, method: str) -> float:
-        """By how many points it is behind the best method of a cell where it is furthest behind."""
-        best = [max(section.results[kind, name].mean for name in self.methods) for section, kind in self.cells]
-        return 100 * max(most - result.mean for most, result in zip(best, self.results(method), strict=True))
-
     def marks(self, section: Section, kind: str) -> dict[str, int]:
         """Ranks of a cell among `methods` alone: what else a task was played with takes no mark."""
         return ranks({method: section.results[kind, method].mean for method in self.methods})

@@ -84,9 +84,10 @@ def test_told_nothing_it_is_the_experts_flow_and_told_more_it_is_another(policy,
     torch.testing.assert_close(fields[-1].select(some)(x[some], t[some]), seen[-1][some])
 
 
-def test_a_share_of_what_is_told_proposals_sees_another_items_context(batch, monkeypatch):
+def test_where_contexts_are_doubted_a_share_of_what_is_told_proposals_sees_another_items(batch, monkeypatch):
     shares = {"context_swap": 0.6, "alone_share": 0.5, "mean_share": 0.5, "faults": ["replay"], "healthy": 0.5}
     new = make_policy("gloves_copilot", **shares, samples_per_item=4000).train()
+    new.witnesses.doubted.fill_(True)
     own, seen = new.network.encode(batch), {}
     bind = new.network.bind
 

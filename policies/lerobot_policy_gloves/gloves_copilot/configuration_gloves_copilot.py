@@ -21,8 +21,9 @@ class GlovesCopilotConfig(FlowConfig):
     # Of the histories that go back beyond the episode's first decision, the share that goes on in another episode: a
     # demonstration may be a part of what the agent does, and what it did before that is then nothing to go by.
     strangers: float = 0.5
-    # Share of the draws that are told proposals and see another item's context: few demonstrations are soon known by
-    # heart, and whoever trusts what is observed without reserve believes them rather than what is proposed.
+    # Where the observations turn out to be known by heart (see `Witnesses`), or there are too few demonstrations to
+    # tell: share of the draws that are told proposals and see another item's context. Whoever trusts what is observed
+    # without reserve believes the demonstrations then rather than what is proposed.
     context_swap: float = 0.5
     # What the randomised agents of training suffer from, names of lerobot_gloves.faults.FAULTS.
     faults: list[str] = field(default_factory=lambda: ["scale", "offset", "noise", "drift", "delay", "replay"])

@@ -16,6 +16,7 @@ from lerobot_gloves.scores import SCORES, CorrectionScore
 
 from .bound_copilot import BoundCopilot
 from .configuration_gloves_copilot import GlovesCopilotConfig
+from .witnesses import Witnesses
 
 if TYPE_CHECKING:
     from lerobot.datasets import LeRobotDatasetMetadata
@@ -26,7 +27,8 @@ class GlovesCopilotPolicy(FlowPolicy):
 
     Training never sees an agent: the expert's chunks of the last decisions, made faulty by an agent that is drawn anew
     for every item (`lerobot_gloves.faults`), stand for what one proposes, and the expert's own chunk is what it should
-    have proposed. One network is both the posterior's flow and, at t = 0 from no noise, its mean.
+    have proposed. One network is both the posterior's flow and, at t = 0 from no noise, its mean. Whether it may
+    believe what it observes, `witnesses` find out on the way.
 
     Args:
         config: Its settings.
@@ -55,16 +57,21 @@ class GlovesCopilotPolicy(FlowPolicy):
             deviation = torch.where(known["max"] > known["min"], known["std"], 0.0)
             spread = deviation.float().clamp(CONSTANT)
             zero = torch.where(spread > CONSTANT, -known["mean"].float() / spread, 0.0)
+        self.witnesses = Witnesses(
+            *((0, 0) if dataset_meta is None else (dataset_meta.total_episodes, dataset_meta.total_frames))
+        )
         self.register_buffer("zero", zero)
         self.register_buffer("spread", spread)
 
     @staticmethod
     def facts(config: GlovesCopilotConfig) -> Mapping[str, str]:
-        """The faults that its training drew, and how many proposals it reads."""
+        """The faults that its training drew, how many proposals it reads, and what it does when it doubts."""
         return {
             "faults of its training": f"{', '.join(config.faults)}; none in {100 * config.healthy:g} % of the draws, "
             f"two in {100 * config.several:g} % of the others",
             "reads": f"the proposal and the last {config.history}, {config.stride} actions apart",
+            "doubt": f"another item's observations in {100 * config.context_swap:g} % of the draws, once its own are "
+            "known by heart",
         }
 
     @property
@@ -106,15 +113,24 @@ class GlovesCopilotPolicy(FlowPolicy):
         alone, of_mean = kind < config.alone_share, kind >= 1 - config.mean_share
         network = self.network if self.training else self.averaged
         tokens = network.encode(batch).repeat_interleave(samples, dim=0)
-        swapped = ~alone & ~repeats(proposals, there)[:, -1]
-        swapped &= rand(action.shape[:1], None, like=action) < config.context_swap
-        other = torch.randint(len(tokens), (len(tokens),), device=tokens.device)
-        tokens = torch.where(swapped[:, None, None], tokens[other], tokens)
+        if self.witnesses.doubted:
+            swapped = ~alone & ~repeats(proposals, there)[:, -1]
+            swapped &= rand(action.shape[:1], None, like=action) < config.context_swap
+            other = torch.randint(len(tokens), (len(tokens),), device=tokens.device)
+            tokens = torch.where(swapped[:, None, None], tokens[other], tokens)
         bound = told(network.bind(batch, tokens=tokens), proposals, there & ~alone[:, None])
         noise, t = randn(action.shape, None, like=action), rand(action.shape[:1], None, like=action)
         noise, t = torch.where(of_mean[:, None, None], 0.0, noise), torch.where(of_mean, 0.0, t)
-        error = (bound(interpolate(noise, action, t), t) - (action - noise)).square()
-        loss = mean_per_chunk(error, samples, ~pad[:, -config.chunk_size :])
+        error = bound(interpolate(noise, action, t), t) - (action - noise)
+        mask = ~pad[:, -config.chunk_size :]
+        loss = mean_per_chunk(error.square(), samples, mask)
+        if self.training and self.witnesses.asked and "episode_index" in batch:
+            theirs = self.witnesses.among(batch["episode_index"])
+            asked, valid = of_mean & ~alone, mask.repeat_interleave(samples, dim=0).to(error.dtype)
+            distance = (error.norm(dim=2) * valid).sum(dim=1) / valid.sum(dim=1).clamp(min=1)
+            self.witnesses.hear(distance[asked], theirs.repeat_interleave(samples)[asked], len(theirs))
+            # The mean of the loss is that of the items that are learned from.
+            loss = torch.where(theirs, 0.0, loss) * len(theirs) / (~theirs).sum().clamp(min=1)
         return (loss.mean() if reduction == "mean" else loss), {}
 
     def decisions(self, action: Tensor, pad: Tensor) -> tuple[Tensor, Tensor]:
