@@ -127,7 +127,7 @@ class GlovesCopilotPolicy(FlowPolicy):
         if self.training and self.witnesses.asked and "episode_index" in batch:
             theirs = self.witnesses.among(batch["episode_index"])
             asked, valid = of_mean & ~alone, mask.repeat_interleave(samples, dim=0).to(error.dtype)
-            distance = (error.norm(dim=2) * valid).sum(dim=1) / valid.sum(dim=1).clamp(min=1)
+            distance = (error.detach().norm(dim=2) * valid).sum(dim=1) / valid.sum(dim=1).clamp(min=1)
             self.witnesses.hear(distance[asked], theirs.repeat_interleave(samples)[asked], len(theirs))
             # The mean of the loss is that of the items that are learned from.
             loss = torch.where(theirs, 0.0, loss) * len(theirs) / (~theirs).sum().clamp(min=1)
