@@ -60,6 +60,9 @@ class FlowPolicy(PreTrainedPolicy):
         config.validate_features()
         if dataset_meta is not None:
             config.fps = dataset_meta.fps
+            from .batches import install  # a training has imported LeRobot's datasets; nothing else needs to
+
+            install()
         self.network = self.make_network(
             config,
             width=config.width,

@@ -7,7 +7,7 @@ import lerobot_gloves.tasks  # noqa: F401
 import lerobot_policy_csa_assist  # noqa: F401
 import lerobot_policy_ddpm_assist  # noqa: F401
 
-from . import batches, typed
+from . import typed
 from .gloves.configuration_gloves import GlovesConfig
 from .gloves.seam import install
 from .gloves_align_flow.configuration_gloves_align_flow import GlovesAlignFlowConfig
@@ -17,6 +17,5 @@ from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfi
 
 install()
 typed.install()
-batches.install()
 
 __all__ = ["GlovesAlignFlowConfig", "GlovesConfig", "GlovesCopilotConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]

@@ -1,14 +1,18 @@
 """Batches of a LeRobotDataset, beside its own items one by one."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
 from lerobot.datasets import LeRobotDataset
+from lerobot.policies import get_policy_class
 from lerobot.transforms import ImageTransforms, ImageTransformsConfig
 from torch.utils.data import DataLoader, Subset
 
-from lerobot_policy_gloves import batches
-from tests.builders import SIZE, write_dataset
+from gloves_flow import batches
+from tests.builders import SIZE, make_config, make_policy, write_dataset
 
 AHEAD = {"action": [-0.1, 0.0, 0.05], "observation.state": [-0.05, 0.0]}
 FEATURES = {
@@ -18,6 +22,11 @@ FEATURES = {
     "observation.touch": {"dtype": "float32", "shape": (2, 2), "names": ["row", "column"]},
     "action": {"dtype": "float32", "shape": (2,), "names": ["x", "y"]},
 }
+
+
+@pytest.fixture(autouse=True)
+def installed(monkeypatch):
+    monkeypatch.setattr(LeRobotDataset, "__getitems__", batches.read_batch, raising=False)
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +110,14 @@ def test_a_loader_reads_an_item_of_lerobots_no_more(folder, monkeypatch):
         loader = DataLoader(some, batch_size=4)
         (found,) = [batch for number, batch in enumerate(loader) if number == (some is data)]
         assert_same([found], [expected])
+
+
+def test_a_flow_that_is_made_for_a_training_installs_it_and_an_import_does_not(folder, monkeypatch):
+    monkeypatch.delattr(LeRobotDataset, "__getitems__")
+    make_policy("gloves_expert_flow")
+    assert not hasattr(LeRobotDataset, "__getitems__")
+    meta = LeRobotDataset("me/types", root=folder).meta
+    get_policy_class("gloves_expert_flow")(make_config("gloves_expert_flow"), dataset_meta=meta)
+    assert LeRobotDataset.__getitems__ is batches.read_batch
+    imported = "import sys, lerobot_policy_gloves; sys.exit('lerobot.datasets' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", imported], capture_output=True).returncode == 0

@@ -173,7 +173,7 @@ def test_a_checkpoint_goes_on_with_what_was_heard(tmp_path, typed):
     typed(*options, "--policy.history=2")
     train()
     trained, _ = load(tmp_path / "run" / LAST / "pretrained_model")
-    assert trained.witnesses.doubted, "three episodes are few"
+    assert trained.witnesses.doubted, "four episodes are few"
     new = copilot()
     new.witnesses.errors.copy_(torch.tensor([3.0, 4.0]))
     new.witnesses.draws.copy_(torch.tensor([3.0, 2.0]))

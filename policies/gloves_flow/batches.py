@@ -18,7 +18,7 @@ from torch import Tensor
 
 
 def install() -> None:
-    """Teach LeRobotDataset to be asked for a batch."""
+    """Teach LeRobotDataset to be asked for a batch; a flow that is made for a training does so."""
     LeRobotDataset.__getitems__ = read_batch
 
 
