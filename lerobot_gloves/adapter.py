@@ -66,6 +66,8 @@ class Adapter(Protocol):
         scores: Its nonconformity scores by the name that `--policy.score` gives, likewise, the default first. An
             adapter without scores edits every proposal: it has no gate.
 
+    One that says `gate_score = "NAME"` has that score for the default of a gate, instead of its first one.
+
     One that says `history = H` above 0 is told what the agent proposed at its last H decisions, as it proposed it:
     `bind(observation, history)`, normalised (B, h, T, A), the oldest first, h growing from none to H in an episode. If
     a score of its says `needs_posterior = True`, what it finds depends on the history, so `gloves calibrate` tells the

@@ -112,7 +112,8 @@ class Models:
 
     def calibrate(self, model: str, data: str = "state") -> Calibrate:
         """Its scores of the episodes that its training held out."""
-        return Calibrate(f"calibration of {model}", self.train(model).checkpoint, self.dataset(data), SCORES)
+        scores = (*SCORES, "correction") if model == "copilot" else SCORES
+        return Calibrate(f"calibration of {model}", self.train(model).checkpoint, self.dataset(data), scores)
 
     def merge(self) -> Merge:
         """Demonstrations and proposals in one dataset."""

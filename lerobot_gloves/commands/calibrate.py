@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +47,8 @@ class CalibrateConfig:
     # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
     policy: PreTrainedConfig | None = None
     # Nonconformity scores to calibrate, with their options: reverse, residual, likelihood or selfnormalised for a flow,
-    # for a copilot correction as well.
-    scores: list[str] = field(
-        default_factory=lambda: ["reverse:steps=1", "reverse:steps=2", "reverse:steps=5", "reverse:steps=10"]
-    )
+    # for a copilot correction as well. By default reverse with 1, 2, 5 and 10 steps, and what the adapter's gate asks.
+    scores: list[str] | None = None
     # Every how many frames of an expert's episode a chunk begins; an agent's begin where it was asked.
     stride: int = 5
     # How many actions the agents' proposals have, as in [15, 50]. By default every number up to the adapter's chunk, of
@@ -67,7 +65,7 @@ class CalibrateConfig:
     def __post_init__(self) -> None:
         if self.chunks_of not in CHUNKS_OF:
             raise ValueError(f"unknown chunks_of {self.chunks_of!r}: choose from {', '.join(CHUNKS_OF)}")
-        if not self.scores:
+        if self.scores == []:
             raise ValueError("scores is empty: name at least one, such as reverse:steps=1")
         if self.lengths is not None and min(self.lengths, default=0) < 1:
             raise ValueError(f"lengths is {self.lengths}, but must hold numbers of at least 1")
@@ -100,7 +98,8 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     else:
         episodes, length = healthy_episodes(opened.episodes, meta)
     weights = weights_hash(adapter.state_dict())
-    asked = [score for text in cfg.scores for score in parse_all(text, adapter.scores, "score")]
+    named = cfg.scores or default_scores(adapter)
+    asked = [score for text in named for score in parse_all(text, adapter.scores, "score")]
     scores = {specification(score, adapter.scores): score for score in asked}
     ends = [int(meta.episodes["length"][episode]) for episode in episodes]
     decisions = _decisions(adapter, cfg, length, max(ends), any(map(needs_posterior, asked)))
@@ -136,6 +135,13 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         push(repo_id, revision, "Calibrate the gate", write)
         logging.info("pushed %s to %s%s", CALIBRATION_NAME, repo_id, f" at {revision}" if revision else "")
     return calibration
+
+
+def default_scores(adapter: Any) -> list[str]:
+    """What is calibrated where nobody says what: the reverse scores of a flow, and what a gate asks by default."""
+    known = [f"reverse:steps={steps}" for steps in (1, 2, 5, 10)] if "reverse" in adapter.scores else [*adapter.scores]
+    asked = getattr(adapter, "gate_score", None)
+    return known if asked is None or asked in known else [*known, asked]
 
 
 def _decisions(adapter: Any, cfg: CalibrateConfig, length: int | None, longest: int, told: bool) -> Decisions:

@@ -24,7 +24,7 @@ class Training:
         root: Folder of all that is made; the trio ends up in its subfolders `agent`, `expert_flow` and `copilot`.
         demonstrations: How many episodes of the scripted expert to train on.
         steps: Optimiser steps; None for what the configurations say.
-        scores: The nonconformity scores to calibrate.
+        scores: The nonconformity scores to calibrate, besides the copilot's own.
         configurations: Folder of the training configurations.
     """
 
@@ -58,7 +58,8 @@ class Training:
 
     def calibrate(self, name: str) -> Calibrate:
         """The calibration of one of the adapters that were exported."""
-        return Calibrate(f"calibration of {name.replace('_', ' ')}", self.root / name, self.dataset, self.scores)
+        scores = (*self.scores, "correction") if name == COPILOT else self.scores
+        return Calibrate(f"calibration of {name.replace('_', ' ')}", self.root / name, self.dataset, scores)
 
     def recipe(self) -> list[str]:
         """The commands in order, as one would type them in a checkout's root."""

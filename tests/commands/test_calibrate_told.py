@@ -64,6 +64,12 @@ def test_a_copilot_is_told_the_experts_last_decisions_from_the_episodes_first_on
         torch.testing.assert_close(found, torch.stack(expected).sort().values, rtol=1e-4, atol=1e-5)
 
 
+def test_by_default_a_copilots_gate_is_calibrated_for_what_it_asks(typed, copilot, tmp_path):
+    root = write_dataset(tmp_path / "data", episodes=1, length=LENGTH).root
+    calibration = run(typed, copilot, root, "--stride=6")
+    assert {*calibration.scores} == {*(f"reverse:steps={steps}" for steps in (1, 2, 5, 10)), "correction"}
+
+
 def test_chunks_begin_with_each_episode(typed, copilot, tmp_path):
     root = write_dataset(tmp_path / "data", episodes=EPISODES, length=LENGTH).root
     calibration = run(typed, copilot, root, "--scores=[reverse]", "--stride=6")

@@ -71,6 +71,15 @@ def test_an_editor_aims_below_both_thresholds(folder, agent, found):
     assert corrector.gate.aim(4) == (ReverseScore(), 90.0)
 
 
+def test_a_copilots_gate_asks_its_correction_and_its_editor_the_first_score(folder, agent):
+    tables = {name: torch.arange(1.0, 100.0).expand(T, -1).clone() for name in (REVERSE, "correction")}
+    adapter = calibrate(save_policy(folder / "copilot", "gloves_copilot"), scores=tables)
+    named = [wrap(agent, adapter=adapter, **gate)._corrector.gate.names for gate in ({}, {"gate": True})]
+    assert named == [[REVERSE], ["correction"]]
+    (named,) = wrap(agent, adapter=adapter, gate=True, score=REVERSE)._corrector.gate.names
+    assert named == REVERSE
+
+
 def test_by_episode_the_threshold_is_of_the_worst_chunks(folder, agent):
     """Of 19 episodes with scores i and 100 + i the worst are 101 to 119."""
     table = torch.cat([torch.arange(1.0, 20.0), 100 + torch.arange(1.0, 20.0)])

@@ -74,8 +74,9 @@ class GlovesConfig(PreTrainedConfig):
     alpha: float | None = None
     # What alpha is a share of: chunks, or episodes, of which the others then pass from beginning to end.
     alpha_of: str = "chunks"
-    # The nonconformity score and its options, such as reverse:steps=5. By default the adapter's first, if it has any.
-    # Several are joined by +, as in reverse:steps=5+correction: each must admit a chunk, at its part of alpha.
+    # The nonconformity score and its options, such as reverse:steps=5. By default the adapter's first, if it has any,
+    # and with --policy.gate=true a copilot's correction. Several are joined by +, as in reverse:steps=5+correction:
+    # each must admit a chunk, at its part of alpha.
     score: str | None = None
     # What is done to the agent's chunks to make it imperfect; null for nothing.
     perturbation: PerturbationConfig | None = None

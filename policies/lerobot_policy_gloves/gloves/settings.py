@@ -39,6 +39,10 @@ def settle(config: GlovesConfig, adapter: Adapter, recommendation: Recommendatio
     taken = recommendation if config.method is None else None
     method = config.method or (adapter.default_editor if taken is None else taken.method)
     gate = config.gate if config.gate is not None else taken is not None and taken.gate
-    score = config.score or (None if taken is None else taken.score) or next(iter(adapter.scores), None)
+    # The copilot's edit is limited where a chunk looks well by itself; a gate by its correction would never limit it.
+    default = next(iter(adapter.scores), None)
+    if gate:
+        default = getattr(adapter, "gate_score", default)
+    score = config.score or (None if taken is None else taken.score) or default
     alpha = config.alpha if config.alpha is not None else ALPHA if taken is None else taken.alpha
     return Settings(method, gate, score, alpha, config.alpha_of, recommended=taken is not None)

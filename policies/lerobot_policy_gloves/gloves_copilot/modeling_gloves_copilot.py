@@ -45,6 +45,7 @@ class GlovesCopilotPolicy(FlowPolicy):
     editors: Mapping[str, type] = {"copilot": Copilot, **EDITORS}
     default_editor = "copilot"
     scores: Mapping[str, type] = {**SCORES, "correction": CorrectionScore}
+    gate_score = "correction"
 
     def __init__(
         self, config: GlovesCopilotConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
