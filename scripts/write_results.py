@@ -75,12 +75,7 @@ def overview(overall: Overall) -> str:
 
 def the_copilots(overall: Overall) -> dict[str, Any]:
     """The figures of the copilot. Where it was played beside another training of the agent, it has rows of its own."""
-
-    def rows(section: Section) -> Section:
-        folder = DOCS / "rows" / f"{section.name}_copilot"
-        return summarise(read_rows(folder))[0] if folder.is_dir() else section
-
-    found = AllBeside([Beside(rows(section), section) for section in overall.sections])
+    found = AllBeside([Beside(_beside_copilot(section), section) for section in overall.sections])
     short = {title: DOCS / "rows" / f"{task}_short" for task, title in TASKS.items()}
     natural = {f"{title}, stopped early": summarise(read_rows(folder))[0] for title, folder in short.items()}
     return {
@@ -95,12 +90,15 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
 
 def tuned(overall: Overall) -> list[Pair]:
     """What `gloves tune` chose, on the tasks that it was played on, beside what their searches chose."""
-    rows = {section.name: DOCS / "rows" / f"{section.name}_tuned" for section in overall.sections}
-    return [
-        Pair(section, summarise(read_rows(rows[section.name]))[0])
-        for section in overall.sections
-        if rows[section.name].is_dir()
-    ]
+    folders = {section.name: DOCS / "rows" / f"{section.name}_tuned" for section in overall.sections}
+    played = {name: summarise(read_rows(folder))[0] for name, folder in folders.items() if folder.is_dir()}
+    return [Pair(_beside_copilot(one), played[one.name]) for one in overall.sections if one.name in played]
+
+
+def _beside_copilot(section: Section) -> Section:
+    """The rows of a task that were played beside another training of its agent, the copilot's among them, if any."""
+    folder = DOCS / "rows" / f"{section.name}_copilot"
+    return summarise(read_rows(folder))[0] if folder.is_dir() else section
 
 
 def searched(overall: Overall) -> dict[str, str]:

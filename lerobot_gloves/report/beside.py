@@ -17,7 +17,7 @@ class Beside:
     """A task.
 
     Attributes:
-        played: The rows of the raw agent and, in the same episodes, of the copilot.
+        played: The rows of the raw agent and, in the same episodes, of the copilot, and of other columns that are.
         table: Those of the other columns. Their agent may be another training.
     """
 
@@ -34,9 +34,13 @@ class Beside:
         """Whether both are of one training of the agent."""
         return bool(self.played.shared["agent"] == self.table.shared["agent"])
 
+    def result(self, kind: str, method: str) -> Result:
+        """Of a column: beside the copilot if it was played there, else beside the other agent."""
+        return (self.played if (kind, method) in self.played.results else self.table).results[kind, method]
+
     def best(self, kind: str) -> tuple[str, float]:
         """The best of the other columns and its success in %."""
-        success = {name: 100 * self.table.results[kind, name].mean for name in COLUMNS}
+        success = {name: 100 * self.result(kind, name).mean for name in COLUMNS}
         name = max(success, key=lambda one: success[one])
         return name, success[name]
 
@@ -64,14 +68,11 @@ class AllBeside:
 
     def mean(self, method: str) -> float:
         """Mean success over the cells in %: of what was played beside the copilot, else of the other columns."""
-        return 100 * fmean(
-            (task.played if (kind, method) in task.played.results else task.table).results[kind, method].mean
-            for task, kind, _ in self.cells()
-        )
+        return 100 * fmean(task.result(kind, method).mean for task, kind, _ in self.cells())
 
     def ahead(self, method: str) -> int:
         """In how many cells the copilot has more success than another column."""
-        return sum(ours.mean > task.table.results[kind, method].mean for task, kind, ours in self.cells())
+        return sum(ours.mean > task.result(kind, method).mean for task, kind, ours in self.cells())
 
     @property
     def leads(self) -> int:
@@ -114,12 +115,18 @@ class AllBeside:
             *(line(task, kind, kind) for task in self.tasks for kind in task.kinds),
             *(line(task, NONE, "nothing perturbed") for task in self.tasks),
         ]
-        others = ", ".join(task.played.name for task in self.tasks if not task.same_agent)
         caption = (
             "Success in %, mean over ten seeds; copilot minus raw agent in the same episodes, in points [95 % "
-            "interval, robust to initial states that they share]; the best of the other columns of the table above"
-            + (f", whose agents of {others} are other trainings by the same command." if others else ".")
+            "interval, robust to initial states that they share]; the best of the other columns."
         )
+        others = [task for task in self.tasks if not task.same_agent]
+        if others:
+            beside = [name for name in COLUMNS[1:] if all((NONE, name) in task.played.results for task in others)]
+            names = ", ".join(task.played.name for task in others)
+            caption += (
+                f" On {names} those of the table above are of another training of the agent by the same command"
+                + (f", but {' and '.join(beside)} of the copilot's." if beside else ".")
+            )
         return Table(caption, ["task, perturbation", COLUMNS[0], OURS, "copilot minus raw", "best other column"], lines)
 
 

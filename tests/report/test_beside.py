@@ -49,13 +49,24 @@ def test_leads_and_distances_are_to_the_best_of_the_other_columns(beside):
 
 def test_the_table_says_whose_agents_are_others(beside):
     table = beside.table()
-    assert "agents of can are other trainings" in table.caption
+    assert table.caption.endswith(
+        "On can those of the table above are of another training of the agent by the same command."
+    )
     lines = [[entry.text for entry in line] for line in table.lines]
     assert lines[0][:2] == ["mean of 4", "20.0"] and lines[0][-1].endswith(" (IFAE)")
     assert lines[1] == ["slalom, laggy", "10.0", "60.0", "+50.0 [+40.0, +60.0]", "60.0 (CSA)"]
     assert [line[0] for line in lines[5:]] == ["slalom, nothing perturbed", "can, nothing perturbed"]
     assert lines[6][1:] == ["95.0", "90.0", "-5.0 [-15.0, +5.0]", "99.0 (IFAE)"]
-    assert "other trainings" not in AllBeside(beside.tasks[:1]).table().caption
+    assert "another training" not in AllBeside(beside.tasks[:1]).table().caption
+
+
+def test_a_column_that_was_played_beside_the_copilot_counts_as_it_was_there(beside):
+    played = section("can", "c", agent=(95, 20, 30), copilot=(90, 25, 80), IFAE=(95, 20, 85))
+    beside = AllBeside([beside.tasks[0], Beside(played, beside.tasks[1].table)])
+    assert beside.tasks[1].best("laggy") == ("agent", 20) and beside.tasks[1].best("noised") == ("IFAE", 85)
+    assert beside.leads == 3 and beside.furthest == pytest.approx(5) and beside.ahead("IFAE") == 3
+    assert beside.mean("IFAE") == pytest.approx((10 + 20 + 20 + 85) / 4)
+    assert beside.table().caption.endswith("by the same command, but IFAE of the copilot's.")
 
 
 def test_agents_imperfect_by_nature_stand_in_one_table():
