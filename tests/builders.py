@@ -252,6 +252,7 @@ def write_dataset(
     episodes: int = 4,
     length: int | Sequence[int] = 12,
     leave_out: Sequence[str] = (),
+    video: bool = False,
 ) -> LeRobotDataset:
     """A LeRobotDataset of Slalom's observations: the action is a linear function of the state, images are noise."""
     inputs, outputs = features(obs_type)
@@ -259,8 +260,9 @@ def write_dataset(
     names = {key: [f"{key.split('.')[-1]}_{i}" for i in range(feature.shape[0])] for key, feature in shapes.items()}
     columns = {key: {"dtype": "float32", "shape": shapes[key].shape, "names": names[key]} for key in shapes}
     if CAMERA in shapes:
-        columns[CAMERA] = {"dtype": "image", "shape": (SIZE, SIZE, 3), "names": ["height", "width", "channels"]}
-    dataset = LeRobotDataset.create("me/tiny", fps=20, root=root, features=columns, use_videos=False)
+        kind = "video" if video else "image"
+        columns[CAMERA] = {"dtype": kind, "shape": (SIZE, SIZE, 3), "names": ["height", "width", "channels"]}
+    dataset = LeRobotDataset.create("me/tiny", fps=20, root=root, features=columns, use_videos=video)
     rng = np.random.default_rng(0)
     mixing = 0.01 * rng.normal(size=(4, 2))
     for episode in range(episodes):

@@ -1,4 +1,4 @@
-"""Batches of a LeRobotDataset read at once: its numbers are kept in memory as one tensor a column.
+"""Batches of a LeRobotDataset read at once: numbers are kept in memory, a tensor a column, and frames are decoded once.
 
 LeRobot reads an item by itself, and each key of it by a query of its own: for the 50 actions that a copilot's item has,
 that takes longer than the step of training that it is for. PyTorch's loaders ask a dataset for a whole batch if it has
@@ -15,6 +15,8 @@ import torch
 from lerobot.datasets import LeRobotDataset
 from lerobot.datasets.dataset_reader import DatasetReader
 from torch import Tensor
+
+from .frames import Frames
 
 
 def install() -> None:
@@ -39,9 +41,11 @@ class Columns:
         self.source = reader.hf_dataset
         table, meta = reader.hf_dataset.data, reader._meta
         self.numbers = {key: _numbers(table.column(key)) for key in _numeric(reader)}
-        rest = [key for key in reader.hf_dataset.column_names if key not in self.numbers]
+        cameras = list(meta.camera_keys)
+        rest = [key for key in reader.hf_dataset.column_names if key not in self.numbers and key not in cameras]
         self.rest = reader.hf_dataset.select_columns(rest) if rest else None
-        self.names = reader.hf_dataset.column_names
+        self.frames = Frames(reader, cameras, self.numbers["index"], self.numbers["timestamp"]) if cameras else None
+        self.transforms = reader._image_transforms
         self.deltas = {key: torch.tensor(ahead) for key, ahead in (reader.delta_indices or {}).items()}
         self.begin, self.end = (torch.tensor(meta.episodes[f"dataset_{end}_index"][:]) for end in ("from", "to"))
         self.tasks = list(meta.tasks.index)
@@ -53,15 +57,15 @@ class Columns:
         if reader is None or reader.hf_dataset is None or dataset.writer is not None or not cls.suit(reader):
             return None
         kept = vars(reader).get("gloves_columns")
-        if kept is None or kept.source is not reader.hf_dataset:
+        if kept is None or kept.source is not reader.hf_dataset or kept.transforms is not reader._image_transforms:
             kept = reader.gloves_columns = cls(reader)
         return kept
 
     @staticmethod
     def suit(reader: DatasetReader) -> bool:
-        """Whether a reader's items are numbers, and images as they are stored, one of each."""
+        """Whether a reader's items are numbers, and of each camera one frame, in colour."""
         meta = reader._meta
-        plain = not (meta.video_keys or meta.has_language_columns or reader._image_transforms or meta.depth_keys)
+        plain = not (meta.has_language_columns or meta.depth_keys)
         return plain and set(reader.delta_indices or ()) <= set(_numeric(reader))
 
     def items(self, indices: Sequence[int]) -> list[dict[str, Any]]:
@@ -76,11 +80,15 @@ class Columns:
             found[key] = self.numbers[key][rows[:, None] + asked.clamp(begin, end - 1) - frame[:, None]]
             pads[f"{key}_is_pad"] = (asked < begin) | (asked >= end)
         tasks = [self.tasks[task] for task in found["task_index"].tolist()]
+        frames = [{} for _ in indices] if self.frames is None else self.frames.at(rows, episode)
         items = []
         for n, (index, task) in enumerate(zip(indices, tasks, strict=True)):
-            stored = {} if self.rest is None else self.rest[index]
-            item = {key: found[key][n] if key in found else stored[key] for key in self.names}
-            items.append({**item, **{key: pad[n] for key, pad in pads.items()}, "task": task})
+            item = {} if self.rest is None else self.rest[index]
+            item |= {key: column[n] for key, column in (found | pads).items()}
+            seen = frames[n]
+            if self.transforms is not None:
+                seen = {key: self.transforms(frame) for key, frame in seen.items()}
+            items.append({**item, **seen, "task": task})
         return items
 
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from lerobot.transforms import ImageTransforms, ImageTransformsConfig
 from torch.utils.data import DataLoader, Subset
 
 from gloves_flow import batches
-from tests.builders import SIZE, make_config, make_policy, write_dataset
+from gloves_flow.frames import Frames
+from tests.builders import CAMERA, SIZE, make_config, make_policy, write_dataset
 
 AHEAD = {"action": [-0.1, 0.0, 0.05], "observation.state": [-0.05, 0.0]}
 FEATURES = {
@@ -70,29 +72,84 @@ def test_items_are_lerobots_to_the_bit(folder, episodes, ahead):
     assert_same(data.__getitems__(order), [data[index] for index in order])
 
 
-def test_images_come_as_they_are_stored(tmp_path):
-    write_dataset(tmp_path / "data", "pixels_agent_pos", episodes=2, length=3)
-    data = LeRobotDataset("me/tiny", root=tmp_path / "data", delta_timestamps={"action": [0.0, 0.05]})
-    assert batches.Columns.of(data) is not None
-    found = data.__getitems__([4, 1])
-    assert_same(found, [data[4], data[1]])
-    assert found[0]["observation.images.front"].shape == (3, SIZE, SIZE)
+@pytest.fixture(params=["image", "video"])
+def filmed(request, tmp_path):
+    """Opens a dataset with a camera, whose frames are stored one by one or as a video."""
+    write_dataset(tmp_path / "data", "pixels_agent_pos", episodes=3, length=(3, 5, 4), video=request.param == "video")
+
+    def open(**options):
+        ahead = {"action": [0.0, 0.05]}
+        return LeRobotDataset("me/tiny", root=tmp_path / "data", **{"delta_timestamps": ahead, **options})
+
+    return open
 
 
-def test_what_is_more_than_stored_numbers_is_lerobots_own(tmp_path):
-    write_dataset(tmp_path / "data", "pixels_agent_pos", episodes=2, length=3)
-    transforms = ImageTransforms(ImageTransformsConfig(enable=True))
-    augmented = LeRobotDataset("me/tiny", root=tmp_path / "data", image_transforms=transforms)
-    several = LeRobotDataset(
-        "me/tiny", root=tmp_path / "data", delta_timestamps={"observation.images.front": [-0.05, 0.0]}
-    )
-    for data in (augmented, several):
-        assert batches.Columns.of(data) is None
+@pytest.mark.parametrize("options", [{}, {"episodes": [0, 2]}, {"return_uint8": True}])
+def test_frames_are_lerobots_to_the_bit_and_decoded_once(filmed, options, monkeypatch):
+    data = filmed(**options)
+    order = [5, 1, 6, 5, 0]
+    expected = [data[index] for index in order]
+    for _ in range(2):
+        assert_same(data.__getitems__(order), expected)
+        for source in ("_decode", "_keep"):  # from here on there is nothing to be decoded
+            monkeypatch.setattr(Frames, source, None)
+    assert expected[0][CAMERA].shape == (3, SIZE, SIZE) and expected[0][CAMERA].float().std() > 0
+
+
+def test_a_frame_that_is_handed_out_is_a_copy(filmed):
+    data = filmed(return_uint8=True)
+    expected = data[1][CAMERA]
+    for _ in range(3):
+        (found,) = data.__getitems__([1])
+        assert torch.equal(found[CAMERA], expected)
+        found[CAMERA].zero_()
+
+
+def test_augmented_frames_draw_as_lerobots_do(filmed):
+    augmented = filmed(image_transforms=ImageTransforms(ImageTransformsConfig(enable=True)))
+    plain = filmed()
+    for _ in range(2):
+        torch.manual_seed(0)
+        found = augmented.__getitems__([4, 1])
+        torch.manual_seed(0)
+        assert_same(found, [augmented[4], augmented[1]])
+        assert (found[0][CAMERA] != plain[4][CAMERA]).any()
+    augmented.clear_image_transforms()
+    assert_same(augmented.__getitems__([4, 1]), [plain[4], plain[1]])
+
+
+def test_what_are_no_bytes_or_have_no_room_is_decoded_at_every_visit(filmed, monkeypatch, caplog):
+    data, full = filmed(), filmed()
+    expected = [data[index] for index in (4, 1)]
+
+    def refuse(**_):
+        raise OSError("no space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tempfile, "TemporaryFile", refuse)
+        for _ in range(2):
+            assert_same(full.__getitems__([4, 1]), expected)
+    assert caplog.text.count("no room for 0.0 GB of frames (no space left on device)") == 1
+    decode, dimmed = Frames._decode, []
+
+    def dim(*arguments):
+        found = {row: {key: frame * 0.3 for key, frame in of.items()} for row, of in decode(*arguments).items()}
+        dimmed.append(found)
+        return found
+
+    keep = Frames._keep
+    monkeypatch.setattr(Frames, "_keep", lambda frames, key, first, some: keep(frames, key, first, some * 0.3))
+    monkeypatch.setattr(Frames, "_decode", dim)
+    for _ in range(2):
+        found = data.__getitems__([4, 1])
+        assert torch.equal(found[0][CAMERA], expected[0][CAMERA] * 0.3)
+    assert len(dimmed) >= 4, "both, twice"
+
+
+def test_what_is_more_than_numbers_and_one_frame_is_lerobots_own(filmed):
+    several = filmed(delta_timestamps={CAMERA: [-0.05, 0.0]})
+    assert batches.Columns.of(several) is None
     assert_same(several.__getitems__([4, 1]), [several[4], several[1]])
-    torch.manual_seed(0)
-    found = augmented.__getitems__([4, 1])
-    torch.manual_seed(0)
-    assert_same(found, [augmented[4], augmented[1]])
 
 
 def test_a_dataset_that_is_recorded_is_asked_item_by_item(tmp_path):
