@@ -255,16 +255,14 @@ def write_dataset(
     video: bool = False,
 ) -> LeRobotDataset:
     """A LeRobotDataset of Slalom's observations: the action is a linear function of the state, images are noise."""
-    inputs, outputs = features(obs_type)
-    shapes = {key: feature for key, feature in {**inputs, **outputs}.items() if key not in leave_out}
+    shapes = {key: one for some in features(obs_type) for key, one in some.items() if key not in leave_out}
     names = {key: [f"{key.split('.')[-1]}_{i}" for i in range(feature.shape[0])] for key, feature in shapes.items()}
     columns = {key: {"dtype": "float32", "shape": shapes[key].shape, "names": names[key]} for key in shapes}
     if CAMERA in shapes:
-        kind = "video" if video else "image"
-        columns[CAMERA] = {"dtype": kind, "shape": (SIZE, SIZE, 3), "names": ["height", "width", "channels"]}
+        columns[CAMERA] = {"shape": (SIZE, SIZE, 3), "names": ["height", "width", "channels"]}
+        columns[CAMERA]["dtype"] = "video" if video else "image"
     dataset = LeRobotDataset.create("me/tiny", fps=20, root=root, features=columns, use_videos=video)
-    rng = np.random.default_rng(0)
-    mixing = 0.01 * rng.normal(size=(4, 2))
+    mixing = 0.01 * (rng := np.random.default_rng(0)).normal(size=(4, 2))
     for episode in range(episodes):
         for _ in range(length if isinstance(length, int) else length[episode]):
             state = rng.normal(size=4)

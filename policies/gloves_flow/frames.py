@@ -95,7 +95,7 @@ def _mapped(folder: Path, shape: tuple[int, ...]) -> Tensor | None:
     size = int(np.prod(shape))
     try:
         with tempfile.TemporaryFile(dir=folder if os.access(folder, os.W_OK) else None) as file:
-            # Mapped bytes that turn out to have no room would end the process, so they are reserved where there is a way.
+            # Mapped bytes that find no room would end the process, so they are reserved where there is a way.
             (getattr(os, "posix_fallocate", None) or _extend)(file.fileno(), 0, size)
             return torch.from_numpy(np.memmap(file, np.uint8, "r+", shape=shape))
     except OSError as error:
