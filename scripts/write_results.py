@@ -76,8 +76,13 @@ def overview(overall: Overall) -> str:
 def the_copilots(overall: Overall) -> dict[str, Any]:
     """The figures of the copilot. Where it was played beside another training of the agent, it has rows of its own."""
     found = AllBeside([Beside(_beside_copilot(section), section) for section in overall.sections])
-    short = {title: DOCS / "rows" / f"{task}_short" for task, title in TASKS.items()}
-    natural = {f"{title}, stopped early": summarise(read_rows(folder))[0] for title, folder in short.items()}
+    kinds = {"short": "stopped early", "few": "few demonstrations"}
+    folders = {
+        f"{title}, {kind}": DOCS / "rows" / f"{task}_{name}"
+        for task, title in TASKS.items()
+        for name, kind in kinds.items()
+    }
+    natural = {title: summarise(read_rows(folder))[0] for title, folder in folders.items() if folder.is_dir()}
     return {
         "natural_table": markdown(natural_table(natural)),
         "copilot": found,

@@ -182,6 +182,17 @@ def test_the_best_is_the_gentlest_of_those_that_leave_least_and_healthy_chunks_a
     assert best_first(found, most_change=0.3)[0].method == "harms"
 
 
+def test_behind_the_gentlest_edit_stands_the_gate_that_turns_away_most():
+    [one] = outcomes(corrupted(), Knowing.editors, {}, {})[1:]
+    found = [
+        replace(one, gate=True, score="distance", alpha=alpha, change=change, edit=0.2, remains={"a": mean})
+        for alpha, change, mean in ((0.05, 0.02, 0.30), (0.2, 0.08, 0.31), (0.5, 0.2, 0.28), (0.1, 0.04, 0.30))
+    ]
+    open = replace(one, gate=False, alpha=None, change=0.2, edit=0.2, remains={"a": 0.28})
+    assert best_first([*found, open], most_change=0.1)[0].alpha == 0.2
+    assert best_first([*found, open], most_change=0.3)[0] is open
+
+
 def test_a_log_is_read_for_its_healthy_chunks(tmp_path):
     table = torch.arange(10.0).expand(2, -1)
     calibration = Calibration({"distance": table, "other": table}, "me/x", "v3.0", (0,), "weights")
