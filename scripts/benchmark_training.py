@@ -2,8 +2,9 @@
 
 Three loops with the same network, optimiser and batch: stock `lerobot-train` (the difference of two runs, so that its
 start does not count), a bare loop over the same loader and processors, and a bare loop over tensors already in memory.
+Image encoders, if the data has cameras, begin with random weights.
 
-    python scripts/benchmark_training.py --dataset=<folder of a LeRobotDataset with state observations>
+    python scripts/benchmark_training.py --dataset=<folder of a LeRobotDataset>
 """
 
 import argparse
@@ -24,7 +25,7 @@ from lerobot.policies.factory import make_policy_config
 from lerobot.utils.import_utils import register_third_party_plugins
 from torch.utils.data import DataLoader
 
-REPO_ID = "benchmark/state"
+REPO_ID = "benchmark/data"
 
 
 def train_seconds(dataset: Path, steps: int, batch: int) -> float:
@@ -37,6 +38,7 @@ def train_seconds(dataset: Path, steps: int, batch: int) -> float:
                 "--policy.type=gloves_expert_flow",
                 "--policy.device=cpu",
                 "--policy.push_to_hub=false",
+                "--policy.pretrained_backbone_weights=null",
                 f"--dataset.repo_id={REPO_ID}",
                 f"--dataset.root={dataset}",
                 f"--output_dir={folder}/run",
@@ -57,7 +59,7 @@ class Loop:
 
     def __init__(self, dataset: Path, batch: int):
         meta = LeRobotDatasetMetadata(REPO_ID, root=dataset)
-        config = make_policy_config("gloves_expert_flow", device="cpu", push_to_hub=False)
+        config = make_policy_config("gloves_expert_flow", device="cpu", pretrained_backbone_weights=None)
         self.policy: Any = make_policy(config, ds_meta=meta)
         self.preprocess, _ = make_pre_post_processors(config, dataset_stats=meta.stats)
         preset = config.get_optimizer_preset()
