@@ -36,9 +36,10 @@ def every_task(config: EnvConfig, batch_size: int) -> Iterator[list[gym.vector.S
     envs = _made(config, batch_size)
     try:
         found = [env for suite in envs.values() for env in suite.values()]
-        if not all(isinstance(env, gym.vector.SyncVectorEnv) for env in found):
+        here = [env for env in found if isinstance(env, gym.vector.SyncVectorEnv)]
+        if len(here) < len(found):
             raise ValueError(f"env.type {config.type!r} does not run in this process")
-        yield found
+        yield here
     finally:
         close_envs(envs)
 
