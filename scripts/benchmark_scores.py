@@ -30,7 +30,7 @@ from lerobot_gloves.checkpoints.loading import LoadedPolicy, load_policy
 from lerobot_gloves.conformal import auroc
 from lerobot_gloves.evaluation.seeds import VALIDATION
 from lerobot_gloves.perturbations import Noised, Shift, Slow
-from lerobot_gloves.recording.demonstrations import check_recordable, demonstrate
+from lerobot_gloves.recording.demonstrations import demonstrate
 from lerobot_gloves.scores import SCORES, Score
 from lerobot_gloves.specification import parse
 from lerobot_gloves.system.text import markdown_table
@@ -45,7 +45,7 @@ type Chunks = tuple[dict[str, Tensor], Tensor, Tensor]
 
 def demonstrations(count: int, inputs: Sequence[str], length: int) -> Chunks:
     """Chunks of `count` demonstrations, one after another, each but an episode's first and its rest."""
-    config = check_recordable(EnvConfig.get_choice_class("gloves_slalom")(obs_type="state"))
+    config = EnvConfig.get_choice_class("gloves_slalom")(obs_type="state")
     env = gym.make(config.gym_id, disable_env_checker=True, **config.demonstration_kwargs)
     rows: dict[str, list[np.ndarray]] = {key: [] for key in inputs}
     clean, before = [], []

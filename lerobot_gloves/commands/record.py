@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from httpx import HTTPError
 from lerobot.configs import parser
@@ -19,6 +20,7 @@ from lerobot_gloves.commands.start import start
 from lerobot_gloves.evaluation.agent import load_agent
 from lerobot_gloves.evaluation.seeds import DEMONSTRATIONS, PROPOSALS
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
+from lerobot_gloves.recording.experts import check_expert
 from lerobot_gloves.system.errors import one_line
 from lerobot_gloves.system.locks import Lock
 
@@ -38,6 +40,8 @@ class RecordedDatasetConfig:
     num_episodes: int | None = None
     # Images as video instead of one by one.
     video: bool = False
+    # Height and width of the images that are kept, in pixels; by default those of what is observed.
+    image_size: int | None = None
     # Upload it when it is complete.
     push_to_hub: bool = False
     # Create a private repository; by default what the organisation's settings say.
@@ -80,6 +84,8 @@ class RecordConfig:
             raise ValueError(f"dataset.repo_id must look like user/name, not {self.dataset.repo_id!r}")
         if self.num_episodes < 1:
             raise ValueError(f"dataset.num_episodes must be at least 1, not {self.num_episodes}")
+        if self.dataset.image_size is not None and self.dataset.image_size < 1:
+            raise ValueError(f"dataset.image_size must be at least 1, not {self.dataset.image_size}")
         if self.num_workers < 1:
             raise ValueError(f"num_workers must be at least 1, not {self.num_workers}")
         if not 1 <= self.batch_size <= MAX_BATCH_SIZE:
@@ -168,8 +174,12 @@ def _record(config: RecordConfig) -> None:
     num_episodes, agent = config.num_episodes, config.recorded_agent
     assembled = _is_assembled(config, folder)
     env = config.env
-    played = demonstrations.check_recordable(env).demonstration_kwargs if agent is None else env.gym_kwargs
+    if agent is None:
+        check_expert(env)
+    played = env.gym_kwargs if agent is not None else getattr(env, "demonstration_kwargs", env.gym_kwargs)
     settings = {"env.type": env.type, "env.task": env.task, **played, "seed": config.seed}
+    if config.dataset.image_size is not None:
+        settings["dataset.image_size"] = config.dataset.image_size
     if agent is not None:
         settings |= agent.settings()
     if agent is not None and not assembled:
@@ -191,16 +201,16 @@ def _record(config: RecordConfig) -> None:
 
 def _episodes(config: RecordConfig, folder: Path) -> Iterator[int]:
     """Stage what is missing; how many episodes there are, as they become more."""
-    assert config.seed is not None
-    num_episodes, agent = config.num_episodes, config.recorded_agent
+    agent = config.recorded_agent
+    how: dict[str, Any] = {
+        "num_episodes": config.num_episodes,
+        "seed": config.seed,
+        "num_workers": config.num_workers,
+        "image_size": config.dataset.image_size,
+    }
     if agent is None:
-        env_config = demonstrations.check_recordable(config.env)
-        return demonstrations.record(
-            env_config, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
-        )
-    return agents.record(
-        config.env, agent, folder, num_episodes=num_episodes, seed=config.seed, num_workers=config.num_workers
-    )
+        return demonstrations.record(config.env, folder, **how)
+    return agents.record(config.env, agent, folder, **how)
 
 
 def _assemble(config: RecordConfig, folder: Path) -> None:

@@ -20,6 +20,9 @@ from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.checkpoints.features import SAME_RATE, check_features, check_rate
 from lerobot_gloves.perturbations import parse_perturbation, written_out
 
+TASK_ATTRIBUTES = ("task_description", "task")
+"""Where an environment tells its task string, in the order in which LeRobot asks."""
+
 
 @dataclass(frozen=True)
 class WrappedAgent:
@@ -108,7 +111,7 @@ def resolve_perturbation(text: str) -> str:
 
 def task_strings(env: gym.vector.SyncVectorEnv) -> list[str]:
     """The task string of each environment, from the attribute that LeRobot prefers."""
-    for name in ("task_description", "task"):
+    for name in TASK_ATTRIBUTES:
         try:
             return list(env.call(name))
         except (AttributeError, NotImplementedError):

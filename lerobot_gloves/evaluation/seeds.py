@@ -2,6 +2,8 @@
 
 TEST, VALIDATION, DEMONSTRATIONS, PROPOSALS = 10000, 20000, 30000, 40000
 """Where the seeds of each use begin; demonstrations and an agent's recorded proposals stay below 50000."""
+ALL = 100000
+"""What all of them stay below: a seed that is this much larger is nobody's."""
 SPLITS = {"test": TEST, "validation": VALIDATION}
 """Where those of a benchmark's splits do."""
 BAND = 100

@@ -91,7 +91,14 @@ class Listener(Perturbation):
 
 
 def record(
-    env_config: EnvConfig, agent: Agent, folder: Path, *, num_episodes: int, seed: int, num_workers: int
+    env_config: EnvConfig,
+    agent: Agent,
+    folder: Path,
+    *,
+    num_episodes: int,
+    seed: int,
+    num_workers: int,
+    image_size: int | None = None,
 ) -> Iterator[int]:
     """Stage the episodes 0 to `num_episodes` - 1 that are not there yet, batch by batch.
 
@@ -105,6 +112,7 @@ def record(
         num_episodes: How many episodes there shall be.
         seed: Environment seed of episode 0; episode i has seed + i.
         num_workers: Processes that record side by side.
+        image_size: Height and width of the images that are kept, in pixels; None for those that the agent sees.
 
     Yields:
         How many episodes there are, whenever that has changed.
@@ -112,20 +120,25 @@ def record(
     batches = [
         range(first, min(first + agent.batch_size, num_episodes)) for first in range(0, num_episodes, agent.batch_size)
     ]
-    yield from stage_all(partial(_stage, env_config, agent, folder, seed), folder, batches, num_workers)
+    yield from stage_all(partial(_stage, env_config, agent, folder, seed, image_size), folder, batches, num_workers)
 
 
-def _stage(env_config: EnvConfig, agent: Agent, folder: Path, seed: int, batches: Sequence[range]) -> Iterator[None]:
+def _stage(
+    env_config: EnvConfig, agent: Agent, folder: Path, seed: int, image_size: int | None, batches: Sequence[range]
+) -> Iterator[None]:
     torch.set_num_threads(1)  # the order of sums, and with it the last bits of an action, depend on it
     with environments(env_config, agent.batch_size) as env:
         for batch in batches:
             # The last batch is as large as the others; what is too many of it is dropped.
-            for index, episode in zip(batch, play(env_config, agent, env, seed + batch.start), strict=False):
+            episodes = play(env_config, agent, env, seed + batch.start, image_size)
+            for index, episode in zip(batch, episodes, strict=False):
                 staging.save(folder, index, episode)
             yield
 
 
-def play(env_config: EnvConfig, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int) -> list[StagedEpisode]:
+def play(
+    env_config: EnvConfig, agent: Agent, env: gym.vector.SyncVectorEnv, seed: int, image_size: int | None = None
+) -> list[StagedEpisode]:
     """One episode in each of B environments, by an agent that was loaded for them.
 
     Args:
@@ -133,6 +146,7 @@ def play(env_config: EnvConfig, agent: Agent, env: gym.vector.SyncVectorEnv, see
         agent: Who plays.
         env: The environments.
         seed: Seed of the first environment, the others follow; also the seed of the agent and its perturbation.
+        image_size: Height and width of the images that are kept, in pixels; None for those that the agent sees.
 
     Raises:
         ValueError: If the agent's proposals are not all of one length.
@@ -150,7 +164,7 @@ def play(env_config: EnvConfig, agent: Agent, env: gym.vector.SyncVectorEnv, see
         if proposal is None:
             return
         proposal = proposal[:, : getattr(wrapped.policy, "executed", None)]  # a dataset holds what an agent may do
-        seen = {**columns(env_config, observation), ACTION: proposal.cpu().numpy()}
+        seen = {**columns(env_config, observation, image_size), ACTION: proposal.cpu().numpy()}
         if modes is not None:
             seen[MODE] = np.array([[modes.index(task)] for task in task_strings(env)], dtype=np.int64)
         for row in running.nonzero()[0]:

@@ -2,19 +2,26 @@
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from lerobot.configs import FeatureType, PolicyFeature
 from lerobot.datasets import LeRobotDataset
 from lerobot.envs import AlohaEnv, PushtEnv, env_to_policy_features, make_env
+from PIL import Image
 
+from lerobot_gloves.checkpoints.configuration import checkpoint_config
+from lerobot_gloves.checkpoints.processors import load_processors
 from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
-from lerobot_gloves.recording import staging
+from lerobot_gloves.recording import experts, staging
+from lerobot_gloves.recording.demonstrations import demonstrate
+from lerobot_gloves.recording.observations import columns
 from lerobot_gloves.recording.sources import source_of
 from lerobot_gloves.recording.staging import StagedEpisode
 from tests.builders import ACT, save_policy
-from tests.recording.stock import SIZE, START, ReachEnv
+from tests.recording.stock import SIZE, START, Reach, ReachEnv
 
 T = ACT["n_action_steps"]
 STATE = {"observation.state": PolicyFeature(FeatureType.STATE, (2,))}
@@ -90,6 +97,71 @@ def test_the_expert_that_is_missing_is_asked_for_only_without_an_agent(tmp_path)
         ValueError, match=r"'reach' has no scripted expert: .*gloves_slalom.*, or record a policy by --a"
     ):
         record(RecordConfig(env=ReachEnv(), dataset=named))
+
+
+class Lucky(Reach):
+    """Whose episodes end with the second step, from the third on in success."""
+
+    def __init__(self):
+        super().__init__("array")
+        self.seeds = []
+
+    def reset(self, *, seed=None, options=None):
+        self.seeds.append(seed)
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        observation, *_ = super().step(action)
+        return observation, 0.0, self.steps == 2, False, {"is_success": self.steps == 2 and len(self.seeds) == 3}
+
+
+class Steady:
+    """Goes by what the simulation alone knows, and draws nothing."""
+
+    def __init__(self, env, rng):
+        self.env = env
+
+    def reset(self, mode):
+        assert mode == ""  # Reach has no task string
+
+    def act(self, observation):
+        return np.float32([self.env.steps, 1])
+
+    def disturb(self, action):
+        return action
+
+
+def test_an_expert_that_somebody_names_demonstrates(monkeypatch):
+    """Where it fails it plays in another initial state, that of a seed that nothing else uses."""
+    monkeypatch.setattr(experts, "EXPERTS", {})
+    experts.register_expert("reach")(Steady)
+    env = Lucky()
+    episode = demonstrate(ReachEnv(), env, 30007)
+    assert env.seeds == [30007, 130007, 230007] and episode.attempts == 3
+    assert episode.frames.keys() == {"observation.image", "observation.state", "action"}
+    assert np.array_equal(episode.frames["action"], [[0, 1], [1, 1]])
+    assert np.array_equal(episode.frames["observation.state"], np.float32([START, START + np.array([0, 1])]))
+
+
+def test_images_are_reduced_as_lerobots_step_does_it_for_a_policy():
+    """Pillow is the judge: its bilinear filter, too, takes the mean of what it reduces."""
+    image = np.random.default_rng(0).integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8)
+    seen = columns(ReachEnv(), {"pixels": image[None], "agent_pos": START[None]}, 16)
+    judge = np.asarray(Image.fromarray(image).resize((16, 16), Image.Resampling.BILINEAR)).astype(int)
+    assert np.abs(seen["observation.image"][0] - judge).max() <= 1
+    assert np.array_equal(seen["observation.state"], START[None])
+
+
+def test_a_policy_trained_on_reduced_images_can_reduce_them_itself(tmp_path):
+    """By the lines on the page, as they stand there."""
+    image = {"observation.image": PolicyFeature(FeatureType.VISUAL, (3, 96, 96))}
+    agent = save_policy(tmp_path / "agent", "act", input_features=STATE | image)
+    page = (Path(__file__).parents[2] / "docs" / "adapters.md").read_text()
+    code = next(block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "ImageCropResize" in block)
+    exec(code.replace("<checkpoint>", str(agent)), {})
+    before, _ = load_processors(checkpoint_config("agent", str(agent)), str(agent), "cpu", None)
+    seen = before({"observation.image": torch.rand(1, 3, 480, 480), "observation.state": torch.zeros(1, 2)})
+    assert seen["observation.image"].shape == (1, 3, 96, 96)
 
 
 def stock_agent(env, folder):

@@ -8,7 +8,7 @@ from lerobot.envs.configs import PushtEnv
 from lerobot.envs.utils import env_to_policy_features
 
 import lerobot_gloves.tasks  # noqa: F401
-from lerobot_gloves.recording.demonstrations import check_recordable
+from lerobot_gloves.recording.experts import check_expert
 from lerobot_gloves.tasks import panda
 from lerobot_gloves.tasks.slalom import SlalomEnv, scene
 from lerobot_gloves.tasks.slalom.environment import Slalom
@@ -203,6 +203,6 @@ def test_a_missing_or_unusable_simulator_is_one_clear_line(monkeypatch):
 
 
 def test_only_tasks_with_an_expert_can_be_recorded():
-    assert check_recordable(SlalomEnv()).gym_id == "gloves/Slalom-v0"
-    with pytest.raises(ValueError, match=r"'pusht' has no scripted expert: choose one of .*gloves_slalom"):
-        check_recordable(PushtEnv())
+    check_expert(SlalomEnv())
+    with pytest.raises(ValueError, match=r"'pusht' has no scripted expert: choose .*gloves_slalom, metaworld, or"):
+        check_expert(PushtEnv())
