@@ -155,9 +155,9 @@ def best_first(found: Sequence[Outcome], most_change: float = MOST_CHANGE) -> li
 
     Of all settings that move the expert's own chunks by at most `most_change`, those whose mean share is within `EQUAL`
     of the smallest count as equal, and of these the one is taken whose edit is the gentlest to the expert's own chunks:
-    a strong one loses what the agent is up to, which a chunk alone does not show. Behind it stands the gate that turns away
-    most: what a gate lets pass by mistake goes wrong at every step, and counts little here. The agent left alone is among
-    them.
+    a strong one loses what the agent is up to, which a chunk alone does not show. Behind it stands the gate that turns
+    away most: what a gate lets pass by mistake goes wrong at every step, and counts little here. The agent left alone
+    is among them.
     """
     ranked = sorted(found, key=lambda one: (one.change > most_change, one.mean))
     equal = [one for one in ranked if one.change <= most_change and one.mean <= ranked[0].mean + EQUAL]

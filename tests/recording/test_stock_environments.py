@@ -156,7 +156,7 @@ def test_a_policy_trained_on_reduced_images_can_reduce_them_itself(tmp_path):
     """By the lines on the page, as they stand there."""
     image = {"observation.image": PolicyFeature(FeatureType.VISUAL, (3, 96, 96))}
     agent = save_policy(tmp_path / "agent", "act", input_features=STATE | image)
-    page = (Path(__file__).parents[2] / "docs" / "adapters.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "metaworld.md").read_text()
     code = next(block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "ImageCropResize" in block)
     exec(code.replace("<checkpoint>", str(agent)), {})
     before, _ = load_processors(checkpoint_config("agent", str(agent)), str(agent), "cpu", None)
