@@ -120,8 +120,7 @@ def features(obs_type: str = "state") -> tuple[dict[str, PolicyFeature], dict[st
 
 def statistics(feature_shapes: dict[str, PolicyFeature]) -> dict[str, dict[str, np.ndarray]]:
     """Dataset statistics, another one for each entry of each feature."""
-    rng = np.random.default_rng(5)
-    result = {}
+    rng, result = np.random.default_rng(5), {}
     for key, feature in feature_shapes.items():
         shape = (3, 1, 1) if feature.type is FeatureType.VISUAL else feature.shape
         # Actions of millimetres, as Slalom's are.
@@ -130,7 +129,8 @@ def statistics(feature_shapes: dict[str, PolicyFeature]) -> dict[str, dict[str, 
         std = scale * rng.uniform(0.5, 1.5, size=shape)
         # Nothing that a policy of random weights does with an action shall be too far for its data.
         width = std * (20 if feature.type is FeatureType.ACTION else 2)
-        result[key] = {"mean": mean, "std": std, "min": mean - width, "max": mean + width}
+        low, high = mean - width, mean + width
+        result[key] = {"mean": mean, "std": std, "min": low, "max": high, "q01": low, "q99": high}
     return {key: {name: value.astype(np.float32) for name, value in s.items()} for key, s in result.items()}
 
 
@@ -141,7 +141,7 @@ def make_config(kind: str, obs_type: str = "state", **options: Any) -> PreTraine
     if not name.startswith("gloves"):
         inputs.pop("observation.goal")
     made = {"input_features": inputs, "output_features": outputs, "device": "cpu", "push_to_hub": False}
-    return make_policy_config(name, **{**made, **KINDS.get(name, FLOW), **extra, **options})
+    return make_policy_config(name, **{**made, **KINDS.get(name, {}), **extra, **options})
 
 
 def make_policy(kind: str, obs_type: str = "state", *, seed: int = 0, **options: Any) -> PreTrainedPolicy:

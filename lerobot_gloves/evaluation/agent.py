@@ -87,7 +87,7 @@ def load_agent(env: EnvConfig, agent: str, perturbation: str, seed: int, **corre
             str(config.pretrained_path),
             preprocessor_overrides={"device_processor": {"device": str(config.device)}},
         )
-    env_before, env_behind = make_env_pre_post_processors(env_cfg=env, policy_cfg=config)
+    env_before, env_behind = make_env_pre_post_processors(env_cfg=env, policy_cfg=own)
     if not env_before.steps and not env_behind.steps:  # else nobody knows what the agent gets to see
         needed = {**(own.input_features or {}), **(own.output_features or {})}
         given = env_to_policy_features(env)

@@ -8,6 +8,7 @@ import lerobot_policy_csa_assist  # noqa: F401
 import lerobot_policy_ddpm_assist  # noqa: F401
 
 from . import typed
+from .gloves import environments
 from .gloves.configuration_gloves import GlovesConfig
 from .gloves.seam import install
 from .gloves_align_flow.configuration_gloves_align_flow import GlovesAlignFlowConfig
@@ -16,6 +17,7 @@ from .gloves_expert_flow.configuration_gloves_expert_flow import GlovesExpertFlo
 from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfig
 
 install()
+environments.install()
 typed.install()
 
 __all__ = ["GlovesAlignFlowConfig", "GlovesConfig", "GlovesCopilotConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]

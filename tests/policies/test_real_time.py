@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from lerobot.policies import get_policy_class
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.policies.smolvla.modeling_smolvla import SmolVLAPolicy
 
 from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
-from tests.builders import save_policy, statistics
-from tests.policies.smolvla import SIZE, save_backbone, smolvla_config, without_downloads
+from tests.builders import CAMERA, save_policy, statistics
+from tests.policies.agents import saved_agent
+from tests.policies.smolvla import SIZE
 from tests.policies.test_robots import operate  # noqa: F401, a fixture
 from tests.policies.toyrobot import INPUTS, OUTPUTS, ToyRobot
 
@@ -27,16 +29,14 @@ def seeing(monkeypatch):
 
 @pytest.mark.slow
 def test_a_wrapped_vla_moves_a_robot_in_real_time(seeing, operate, monkeypatch, tmp_path, capsys):  # noqa: F811
-    config = smolvla_config(save_backbone(tmp_path / "backbone"), INPUTS, OUTPUTS)
-    with without_downloads():
-        torch.manual_seed(0)
-        policy = get_policy_class("smolvla")(config)
-        agent = save_policy(tmp_path / "agent", "smolvla", policy=policy)
+    inputs = {**INPUTS, CAMERA: PolicyFeature(FeatureType.VISUAL, (3, SIZE, SIZE))}
+    seen = {"input_features": inputs, "output_features": OUTPUTS}
+    with saved_agent(tmp_path, "smolvla", chunk_size=10, n_action_steps=10, **seen) as agent:
         adapter = save_policy(
             tmp_path / "adapter", "gloves_expert_flow", seed=7, input_features=INPUTS, output_features=OUTPUTS
         )
         asked, proposed, given, returned = [], [], [], []
-        inner, outer = type(policy).predict_action_chunk, GlovesPolicy.predict_action_chunk
+        inner, outer = SmolVLAPolicy.predict_action_chunk, GlovesPolicy.predict_action_chunk
 
         def propose(self, batch, **options):
             asked.append(options.get("prev_chunk_left_over"))
@@ -48,7 +48,7 @@ def test_a_wrapped_vla_moves_a_robot_in_real_time(seeing, operate, monkeypatch, 
             returned.append(outer(self, batch, **options))
             return returned[-1]
 
-        monkeypatch.setattr(type(policy), "predict_action_chunk", propose)
+        monkeypatch.setattr(SmolVLAPolicy, "predict_action_chunk", propose)
         monkeypatch.setattr(GlovesPolicy, "predict_action_chunk", correct)
         sent = operate(
             f"--policy.path={agent}",
@@ -62,7 +62,7 @@ def test_a_wrapped_vla_moves_a_robot_in_real_time(seeing, operate, monkeypatch, 
         )
     count = min(len(proposed), len(returned))
     assert count >= 3 and len(sent) == 15
-    stats = statistics({**config.input_features, **config.output_features})["action"]
+    stats = statistics({**inputs, **OUTPUTS})["action"]
     mean, std = torch.tensor(stats["mean"]), torch.tensor(stats["std"])
     for step in range(count):
         decoded = proposed[step] * std + mean

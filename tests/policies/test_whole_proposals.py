@@ -5,6 +5,7 @@ import torch
 
 from lerobot_gloves.perturbations import Delayed, Laggy
 from tests.builders import observation, save_policy, wrap
+from tests.policies.agents import saved_agent
 from tests.policies.test_correction import Spy
 
 T = 6
@@ -115,6 +116,19 @@ def test_tdmpc_proposes_its_plan(folder, checkpoints):
     bare = wrap(agent)
     torch.manual_seed(1)
     assert torch.equal(executed, play(bare))
+
+
+def test_groot_executes_as_few_as_its_checkpoint_says(tmp_path):
+    """Eight of the twelve that it is asked for, and draws."""
+    options = {"chunk_size": 12, "n_action_steps": 12, "embodiment_tag": "libero_sim"}
+    with saved_agent(tmp_path, "groot", **options) as agent:
+        policy = wrap(agent)
+        seen = [{**observation(2, "pixels_agent_pos", seed=step), "task": ["move", "go"]} for step in range(9)]
+        chunks = heard(policy, "predict_action_chunk")
+        play(policy, seen[:8])
+        assert [chunk.shape[1] for chunk in chunks] == [12] and policy.executed == 8
+        play(policy, seen[8:])
+        assert len(chunks) == 2
 
 
 def test_a_delay_counts_the_actions_that_ran(folder, checkpoints):

@@ -270,7 +270,7 @@ class GlovesPolicy(PreTrainedPolicy):
         if inference_delay is not None:
             kwargs["inference_delay"] = inference_delay
         with torch.no_grad():
-            chunk = self._agent.policy.predict_action_chunk(prepared, **kwargs)
+            chunk = self._tap.by_environment(self._agent.policy.predict_action_chunk(prepared, **kwargs))
             self._begin(chunk.shape[0])
             self._step = self._plan.step + (self._plan.executed if ran is None else ran)
             self._propose(Proposal(self._tap.whole(chunk), chunk.shape[1]))
@@ -287,7 +287,8 @@ class GlovesPolicy(PreTrainedPolicy):
     def init_rtc_processor(self) -> None:
         """LeRobot sets `config.rtc_config` before it calls this; the agent must see it."""
         self._agent.policy.config.rtc_config = self.config.rtc_config
-        self._agent.policy.init_rtc_processor()
+        if hasattr(self._agent.policy, "init_rtc_processor"):  # GR00T does without
+            self._agent.policy.init_rtc_processor()
 
     def get_optim_params(self) -> dict:
         return self.config.get_optimizer_preset()

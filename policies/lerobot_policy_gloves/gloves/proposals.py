@@ -13,6 +13,8 @@ from torch import Tensor
 CHUNK_METHODS = ("_get_action_chunk", "predict_action_chunk")
 # Where Diffusion and the multi-task DiT draw a chunk, of which they return no more than they execute.
 SAMPLE_METHOD = "conditional_sample"
+# Whose chunks are (n, B, A).
+STEPS_FIRST = {"tdmpc"}
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class ChunkTap:
             if hasattr(module, SAMPLE_METHOD):
                 _listen(module, SAMPLE_METHOD, self._hear_sample)
         self._config: Any = policy.config
+        # GR00T executes fewer than it is asked for where its checkpoint says so.
+        self._executed: int | None = getattr(policy, "_action_queue_steps", None)
         self._ensembler: Any = getattr(policy, "temporal_ensembler", None)
 
     def _hear_chunk(self, chunk: Any) -> None:
@@ -65,23 +69,23 @@ class ChunkTap:
                 (ACT's temporal ensembling) returns something else than its chunk's first action: its proposal are the
                 blended ones.
         """
-        chunk = self._chunk
-        if chunk is None or chunk.ndim != 3:
+        if self._chunk is None or self._chunk.ndim != 3:
             return None
-        batch_size = action.shape[0]
-        # TDMPC's chunks are (n, B, A); where n is B, their values tell.
-        if chunk.shape[1] == batch_size and (chunk.shape[0] != batch_size or torch.equal(chunk[0], action)):
-            chunk = chunk.transpose(0, 1)
-        if chunk.shape[0] != batch_size:
+        chunk = self.by_environment(self._chunk)
+        if chunk.shape[0] != action.shape[0]:
             return None
         # TDMPC may repeat the first action of its plan in the place of the next ones.
         repeats = getattr(self._config, "n_action_repeats", 1)
-        executed = max(getattr(self._config, "n_action_steps", None) or chunk.shape[1], repeats)
+        executed = max(self._executed or getattr(self._config, "n_action_steps", None) or chunk.shape[1], repeats)
         rest = self.whole(chunk)[:, repeats:]
         if self._ensembler is not None:
             rest = self._ensembler.ensembled_actions
         actions = torch.cat([action[:, None].expand(-1, repeats, -1), rest], dim=1)
         return Proposal(actions, min(executed, actions.shape[1]))
+
+    def by_environment(self, chunk: Tensor) -> Tensor:
+        """A chunk as the policy returns it, (B, n, A)."""
+        return chunk.transpose(0, 1) if self._config.type in STEPS_FIRST else chunk
 
     def whole(self, chunk: Tensor) -> Tensor:
         """A chunk (B, n, A) that the policy has just returned, with what it drew beyond its end, (B, m, A), m >= n."""
