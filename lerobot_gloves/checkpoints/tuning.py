@@ -23,7 +23,7 @@ METHODS: Mapping[str, Sequence[str]] = {
 ALPHAS = (0.05, 0.1, 0.2, 0.5)
 ASKED = 0.05
 """Level of the test that an editor asks."""
-MOST_CHANGE = 0.15
+MOST_CHANGE = 0.2
 """What moves an expert's own held-out chunks by more than so many standard deviations of the data, on average, would
 soon spoil a healthy agent."""
 EQUAL = 0.05
@@ -155,13 +155,15 @@ def best_first(found: Sequence[Outcome], most_change: float = MOST_CHANGE) -> li
 
     Of all settings that move the expert's own chunks by at most `most_change`, those whose mean share is within `EQUAL`
     of the smallest count as equal, and of these the one is taken whose edit is the gentlest to the expert's own chunks:
-    a strong one loses what the agent is up to, which a chunk alone does not show. Behind it stands the gate that turns
-    away most: what a gate lets pass by mistake goes wrong at every step, and counts little here. The agent left alone
-    is among them.
+    a strong one loses what the agent is up to, which a chunk alone does not show. The agent left alone is among them.
+    Of the levels of its gate the largest is taken that moves those chunks by no more than that: what a gate lets pass
+    by mistake goes wrong at every step, and a chunk alone shows that neither.
     """
     ranked = sorted(found, key=lambda one: (one.change > most_change, one.mean))
     equal = [one for one in ranked if one.change <= most_change and one.mean <= ranked[0].mean + EQUAL]
-    best = min(equal, key=lambda one: (one.edit, -one.level, one.mean))
+    best = min(equal, key=lambda one: (one.edit, one.mean))
+    levels = [one for one in ranked if one.method == best.method and one.score in (best.score, None)]
+    best = max((one for one in levels if one.change <= most_change), key=lambda one: one.level)
     return [best, *(one for one in ranked if one is not best)]
 
 

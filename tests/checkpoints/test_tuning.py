@@ -189,8 +189,12 @@ def test_behind_the_gentlest_edit_stands_the_gate_that_turns_away_most():
         for alpha, change, mean in ((0.05, 0.02, 0.30), (0.2, 0.08, 0.31), (0.5, 0.2, 0.28), (0.1, 0.04, 0.30))
     ]
     open = replace(one, gate=False, alpha=None, change=0.2, edit=0.2, remains={"a": 0.28})
-    assert best_first([*found, open], most_change=0.1)[0].alpha == 0.2
-    assert best_first([*found, open], most_change=0.3)[0] is open
+    weak = replace(one, gate=True, score="distance", alpha=0.2, change=0.08, edit=0.2, remains={"a": 0.9})
+    another = replace(weak, score="another", alpha=0.5, remains={"a": 0.32})
+    everything = [*found, open, another]
+    assert best_first(everything, most_change=0.1)[0].alpha == 0.2
+    assert best_first(everything, most_change=0.3)[0] is open
+    assert best_first([found[0], weak, another], most_change=0.1)[0] is weak, "however little the level says itself"
 
 
 def test_a_log_is_read_for_its_healthy_chunks(tmp_path):
