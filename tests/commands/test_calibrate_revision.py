@@ -44,7 +44,7 @@ def test_a_revision_is_taken_throughout_and_pushed_to_its_branch(typed, pushed, 
     assert Calibration.load(REPO) is None
     assert list(online.repositories) == [("models", REPO)]
     agent = save_policy(tmp_path / "agent", "act")
-    wrap(agent, adapter=REPO, adapter_revision="a", gate=True, alpha=0.5)
+    wrap(agent, adapter=REPO, adapter_revision="a", gate=True, alpha=0.5, score="reverse")
 
 
 def test_of_main_as_before_and_to_where_it_came_from(typed, pushed, online, tmp_path):
