@@ -56,7 +56,9 @@ class Robot:
     def __init__(self, folder: Path, cameras: int, size: int):
         self.folder = folder
         images = {f"observation.images.{i}": PolicyFeature(FeatureType.VISUAL, (3, size, size)) for i in range(cameras)}
-        self.inputs = {"observation.state": PolicyFeature(FeatureType.STATE, (JOINTS,)), **images}
+        vectors = {"observation.state": JOINTS, "observation.goal": 1}  # the goal is for the agent alone
+        states = {key: PolicyFeature(FeatureType.STATE, (size,)) for key, size in vectors.items()}
+        self.inputs = {**states, **images}
         self.outputs = {"action": PolicyFeature(FeatureType.ACTION, (JOINTS,))}
 
     def save(self, name: str, **more: Any) -> Path:
@@ -66,9 +68,6 @@ class Robot:
             return target
         options = yaml.safe_load((CONFIGS / f"{name}.yaml").read_text())["policy"]
         kind = options.pop("type")
-        if name == "agent":
-            options["exclude_features"] = []
-            self.inputs["observation.goal"] = PolicyFeature(FeatureType.STATE, (1,))
         made = {"input_features": dict(self.inputs), "output_features": self.outputs, "device": "cpu"}
         config = make_policy_config(kind, **options, **made, **more, pretrained_backbone_weights=None)
         policy: Any = get_policy_class(kind)(config).eval()

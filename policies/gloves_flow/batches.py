@@ -44,7 +44,7 @@ class Columns:
         cameras = list(meta.camera_keys)
         rest = [key for key in reader.hf_dataset.column_names if key not in self.numbers and key not in cameras]
         self.rest = reader.hf_dataset.select_columns(rest) if rest else None
-        self.frames = Frames(reader, cameras, self.numbers["index"], self.numbers["timestamp"]) if cameras else None
+        self.frames = Frames(reader, cameras, self.numbers["timestamp"]) if cameras else None
         self.transforms = reader._image_transforms
         self.deltas = {key: torch.tensor(ahead) for key, ahead in (reader.delta_indices or {}).items()}
         self.begin, self.end = (torch.tensor(meta.episodes[f"dataset_{end}_index"][:]) for end in ("from", "to"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from lerobot.datasets import LeRobotDataset
+from lerobot.datasets.dataset_reader import DatasetReader
 from lerobot.policies import get_policy_class
 from lerobot.transforms import ImageTransforms, ImageTransformsConfig
 from torch.utils.data import DataLoader, Subset
@@ -130,20 +131,30 @@ def test_what_are_no_bytes_or_have_no_room_is_decoded_at_every_visit(filmed, mon
         for _ in range(2):
             assert_same(full.__getitems__([4, 1]), expected)
     assert caplog.text.count("no room for 0.0 GB of frames (no space left on device)") == 1
-    decode, dimmed = Frames._decode, []
+    decode, keep, decoded = Frames._decode, Frames._keep, []
 
-    def dim(*arguments):
-        found = {row: {key: frame * 0.3 for key, frame in of.items()} for row, of in decode(*arguments).items()}
-        dimmed.append(found)
-        return found
+    def count(frames, row, episode):
+        decoded.append(row)
+        return decode(frames, row, episode)
 
-    keep = Frames._keep
-    monkeypatch.setattr(Frames, "_keep", lambda frames, key, first, some: keep(frames, key, first, some * 0.3))
-    monkeypatch.setattr(Frames, "_decode", dim)
+    monkeypatch.setattr(Frames, "_keep", lambda frames, key, row, frame: keep(frames, key, row, frame * 0.3))
+    monkeypatch.setattr(Frames, "_decode", count)
     for _ in range(2):
-        found = data.__getitems__([4, 1])
-        assert torch.equal(found[0][CAMERA], expected[0][CAMERA] * 0.3)
-    assert len(dimmed) >= 4, "both, twice"
+        assert_same(data.__getitems__([4, 1]), expected)
+    assert decoded == [4, 1, 4, 1], "a frame that is no bytes is not rounded to them"
+
+
+def test_of_a_video_no_more_is_decoded_than_is_asked_for(filmed, monkeypatch):
+    """A whole episode of a batch's every item would not fit into memory."""
+    data, asked, query = filmed(), [], DatasetReader._query_videos
+
+    def note(reader, timestamps, episode):
+        asked.append([len(times) for times in timestamps.values()])
+        return query(reader, timestamps, episode)
+
+    monkeypatch.setattr(DatasetReader, "_query_videos", note)
+    data.__getitems__([4, 1, 4])
+    assert asked == ([[1], [1]] if data.meta.video_keys else [])
 
 
 def test_what_is_more_than_numbers_and_one_frame_is_lerobots_own(filmed):

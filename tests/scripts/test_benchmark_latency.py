@@ -35,7 +35,9 @@ def test_each_line_is_of_what_its_editor_took(monkeypatch, capsys):
 def test_a_robot_sees_its_state_and_through_its_cameras(tmp_path):
     robot = benchmark_latency.Robot(tmp_path, 2, 32)
     (seen,) = robot.observations(1)
-    shapes = {"observation.state": (1, 7)} | {f"observation.images.{i}": (1, 3, 32, 32) for i in range(2)}
+    shapes = {"observation.state": (1, 7), "observation.goal": (1, 1)} | {
+        f"observation.images.{i}": (1, 3, 32, 32) for i in range(2)
+    }
     assert {key: tuple(value.shape) for key, value in seen.items()} == shapes
     with pytest.raises(FileNotFoundError):
         robot.save("no such configuration")
