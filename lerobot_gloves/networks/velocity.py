@@ -27,6 +27,8 @@ class VelocityNetwork(nn.Module):
         context_dim: Width of a context token, d_c.
         context_dropout: Probability p_cfg that training drops an item's context (or goal).
         visual_dropout: Probability p_vd that training drops one whole view of an item.
+        backbone_norm: What normalises inside the image encoders, see `ImageEncoder`; None without cameras.
+        backbone_dtype: What they compute in.
         dit: The other arguments of `DiT`.
 
     Raises:
@@ -43,6 +45,8 @@ class VelocityNetwork(nn.Module):
         context_dim: int = 256,
         context_dropout: float = 0.2,
         visual_dropout: float = 0.1,
+        backbone_norm: str | None = "frozen_batch",
+        backbone_dtype: str = "float32",
         **dit: int | float,
     ):
         super().__init__()
@@ -52,7 +56,7 @@ class VelocityNetwork(nn.Module):
         self.context_dropout, self.visual_dropout = context_dropout, visual_dropout
         self.state_encoder = StateEncoder(sum(states.values()), context_dim) if states else None
         # A ModuleList's type does not say what it holds.
-        encoders = nn.ModuleList(ImageEncoder(context_dim) for _ in cameras)
+        encoders = nn.ModuleList(ImageEncoder(context_dim, backbone_norm, backbone_dtype) for _ in cameras)
         self.image_encoders = cast(Collection[ImageEncoder], encoders)
         self.goal_encoder = StateEncoder(goal[1] + sum(states.values()), context_dim) if goal else None
         self.null = nn.Parameter(torch.zeros(1, 1, context_dim))

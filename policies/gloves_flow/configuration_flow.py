@@ -36,8 +36,13 @@ class FlowConfig(PreTrainedConfig):
     dropout: float = 0.1
     # Frequencies of the time embedding.
     time_dim: int = 256
-    # torchvision weights that the image encoders start from; null for none.
+    # What the image encoders start from: torchvision's weights by name, or the folder or Hub id of a flow that was
+    # trained with the same cameras, on the same demonstrations say; null for none.
     pretrained_backbone_weights: str | None = "ResNet18_Weights.IMAGENET1K_V1"
+    # What normalises in them: frozen_batch, the paper's, or group; null for what the weights have, group without any.
+    backbone_norm: str | None = None
+    # What they compute in: float32, or bfloat16, which trains about twice as fast on a GPU or a CPU that has it.
+    backbone_dtype: str = "float32"
 
     # Probability p_cfg of training without the context (with a goal or a label: without that).
     context_dropout: float = 0.2
@@ -69,7 +74,7 @@ class FlowConfig(PreTrainedConfig):
 
     # Base learning rate.
     optimizer_lr: float = 3e-4
-    # Learning rate of the pretrained image encoders.
+    # Learning rate of the image encoders where they are pretrained; 0 leaves them as they are, which is twice as fast.
     optimizer_lr_backbone: float = 3e-5
     # Adam's betas.
     optimizer_betas: tuple[float, float] = (0.9, 0.999)

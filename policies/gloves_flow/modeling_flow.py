@@ -26,6 +26,7 @@ from lerobot_gloves.flow import flow_matching_loss, integrate
 from lerobot_gloves.generators import Episodes, randn, spawn
 from lerobot_gloves.networks import BoundVelocity, VelocityNetwork
 
+from . import backbones
 from .configuration_flow import FlowConfig
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ class FlowPolicy(PreTrainedPolicy):
             from .batches import install  # a training has imported LeRobot's datasets; nothing else needs to
 
             install()
+        backbones.fill_in_normalisation(config)
         self.network = self.make_network(
             config,
             width=config.width,
@@ -72,9 +74,8 @@ class FlowPolicy(PreTrainedPolicy):
             dropout=config.dropout,
             time_dim=config.time_dim,
         )
-        if config.pretrained_backbone_weights and not config.pretrained_path:
-            for encoder in self.network.image_encoders:
-                encoder.load_pretrained(config.pretrained_backbone_weights)
+        if not config.pretrained_path:
+            backbones.start(self.network, config)
         self.ema = AveragedModel(self.network, multi_avg_fn=self._average)
         self.ema.requires_grad_(False)
         self.calibration: Calibration | None = None
@@ -92,6 +93,8 @@ class FlowPolicy(PreTrainedPolicy):
             context_dim=config.context_dim,
             context_dropout=config.context_dropout,
             visual_dropout=config.visual_dropout,
+            backbone_norm=config.backbone_norm,
+            backbone_dtype=config.backbone_dtype,
             **dit,
         )
 
@@ -199,12 +202,17 @@ class FlowPolicy(PreTrainedPolicy):
         return {"target_modules": list(PEFT_TARGETS)}
 
     def get_optim_params(self) -> list[dict]:
-        """The image encoders' backbones learn at a rate of their own."""
+        """Pretrained backbones of the image encoders learn at a rate of their own, or not at all."""
         backbone = [parameter for e in self.network.image_encoders for parameter in e.backbone.parameters()]
-        slow = {id(parameter) for parameter in backbone}
-        rest = [parameter for parameter in self.network.parameters() if id(parameter) not in slow]
-        groups = [{"params": rest}]
-        return [*groups, {"params": backbone, "lr": self.config.optimizer_lr_backbone}] if backbone else groups
+        if not backbone or self.config.pretrained_backbone_weights is None:
+            return [{"params": list(self.network.parameters())}]
+        slow, rate = {id(parameter) for parameter in backbone}, self.config.optimizer_lr_backbone
+        rest = {"params": [parameter for parameter in self.network.parameters() if id(parameter) not in slow]}
+        if rate == 0:
+            for parameter in backbone:
+                parameter.requires_grad_(False)
+            return [rest]
+        return [rest, {"params": backbone, "lr": rate}]
 
     def update(self) -> None:
         """Called by `lerobot-train` after every optimiser step."""

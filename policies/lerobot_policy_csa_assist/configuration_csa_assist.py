@@ -24,6 +24,7 @@ SHARED = (
     "heads",
     "mlp_ratio",
     "time_dim",
+    "backbone_norm",
     "sigma_min",
     "sigma_max",
     "sigma_data",
@@ -106,7 +107,7 @@ class CsaAssistConfig(FlowConfig):
                 f"csa_assist: a student copies the teacher in context only, so context_dropout must be 0 and guidance "
                 f"1, not {self.context_dropout} and {self.guidance}"
             )
-        self.pretrained_backbone_weights = None  # The teacher's weights are what it starts from.
+        self.pretrained_backbone_weights = self.teacher  # which all weights of it start from
 
     @property
     def noise(self) -> NoiseLevels:

@@ -40,6 +40,8 @@ class CsaAssistPolicy(FlowPolicy):
     scores: Mapping[str, type] = {}
 
     def __init__(self, config: CsaAssistConfig, **kwargs: object):
+        if config.stage == "student" and config.teacher and not config.pretrained_path:
+            config.backbone_norm = config.backbone_norm or teacher_of(config).backbone_norm
         super().__init__(config, **kwargs)
         if config.stage == "student" and not config.pretrained_path:
             for network in (self.network, self.averaged):
@@ -130,11 +132,11 @@ class BoundCsaAssist:
         return editor(proposal, Reference(self._denoiser(self.network), **given))
 
 
-def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
-    """The averaged network of the checkpoint that `student.teacher` names, frozen.
+def teacher_of(student: CsaAssistConfig) -> CsaAssistConfig:
+    """The configuration of the checkpoint that `student.teacher` names.
 
     Raises:
-        ValueError: If there is no such checkpoint, or none that this student could start from.
+        ValueError: If there is no such checkpoint, or none of a teacher.
     """
     path = str(student.teacher)
     option = f"--policy.teacher={path}"
@@ -148,12 +150,22 @@ def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
             f"{option} is a {kind}, but a student is distilled from a csa_assist teacher: train one by "
             "--policy.type=csa_assist --policy.stage=teacher"
         )
+    return config
+
+
+def load_teacher(student: CsaAssistConfig) -> VelocityNetwork:
+    """The averaged network of the checkpoint that `student.teacher` names, frozen.
+
+    Raises:
+        ValueError: If there is no such checkpoint, or none that this student could start from.
+    """
+    config, path = teacher_of(student), str(student.teacher)
     for name in SHARED:
         theirs, ours = getattr(config, name), getattr(student, name)
         if theirs != ours:
             raise ValueError(
-                f"{option} has {name}={theirs}, but the student has {ours}: they must agree, since the student starts "
-                "from the teacher's weights"
+                f"--policy.teacher={path} has {name}={theirs}, but the student has {ours}: they must agree, since the "
+                "student starts from the teacher's weights"
             )
     config.pretrained_path, config.device = path, student.device
     # Weights are drawn before they are loaded, but a resumed run's draws shall go on where they were.

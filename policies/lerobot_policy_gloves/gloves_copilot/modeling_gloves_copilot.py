@@ -94,6 +94,8 @@ class GlovesCopilotPolicy(FlowPolicy):
             cameras=sorted(config.image_features),
             context_dropout=config.context_dropout,
             visual_dropout=config.visual_dropout,
+            backbone_norm=config.backbone_norm,
+            backbone_dtype=config.backbone_dtype,
             **dit,
         )
 
