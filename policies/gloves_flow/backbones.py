@@ -28,7 +28,9 @@ def fill_in_normalisation(config: FlowConfig) -> None:
     if weights is None:
         config.backbone_norm = "group"
     else:
-        config.backbone_norm = "frozen_batch" if weights.startswith(TORCHVISION) else _flow(weights).backbone_norm
+        config.backbone_norm = (
+            "frozen_batch" if weights.startswith(TORCHVISION) else _source(weights, config).backbone_norm
+        )
 
 
 def start(network: VelocityNetwork, config: FlowConfig) -> None:
@@ -45,10 +47,7 @@ def start(network: VelocityNetwork, config: FlowConfig) -> None:
         for encoder in network.image_encoders:
             encoder.load_pretrained(weights)
         return
-    source = _flow(weights)
-    unseen = sorted(set(network.cameras) - set(source.image_features))
-    if unseen:
-        raise ValueError(f"{OPTION}={weights} has not seen {', '.join(unseen)}: start from a flow of the same cameras")
+    source = _source(weights, config)
     if source.backbone_norm != config.backbone_norm:
         raise ValueError(
             f"{OPTION}={weights} normalises by {source.backbone_norm!r}, but --policy.backbone_norm is "
@@ -61,15 +60,18 @@ def start(network: VelocityNetwork, config: FlowConfig) -> None:
         encoder.backbone.load_state_dict(seen[camera].backbone.state_dict())
 
 
-def _flow(weights: str) -> FlowConfig:
-    """The configuration of the flow whose encoders are meant."""
+def _source(weights: str, config: FlowConfig) -> FlowConfig:
+    """The configuration of the flow whose encoders are meant, which has seen all cameras."""
     try:
-        config = PreTrainedConfig.from_pretrained(weights)
+        source = PreTrainedConfig.from_pretrained(weights)
     except (FileNotFoundError, HFValidationError) as error:
         raise ValueError(
             f"{OPTION}={weights} is neither one of torchvision's, such as {TORCHVISION}IMAGENET1K_V1, nor a "
             "checkpoint's folder, nor one on the Hub in reach"
         ) from error
-    if not isinstance(config, FlowConfig):
-        raise ValueError(f"{OPTION}={weights} is a {config.type}, whose image encoders are others than a flow's")
-    return config
+    if not isinstance(source, FlowConfig):
+        raise ValueError(f"{OPTION}={weights} is of type {source.type!r}, whose image encoders are no flow's")
+    unseen = sorted(set(config.image_features) - set(source.image_features))
+    if unseen:
+        raise ValueError(f"{OPTION}={weights} has not seen {', '.join(unseen)}: start from a flow of the same cameras")
+    return source

@@ -126,22 +126,6 @@ def test_padding_beyond_an_episodes_end_does_not_count():
     assert first[2] == 0 and first[:2].min() > 0
 
 
-def test_the_backbones_learn_at_a_tenth_of_the_rate():
-    policy = make_policy("gloves_expert_flow", "pixels_agent_pos")
-    optimizer = policy.config.get_optimizer_preset().build(policy.get_optim_params())
-    rest, backbone = optimizer.param_groups
-    assert (rest["lr"], backbone["lr"]) == (3e-4, pytest.approx(0.1 * 3e-4))
-    assert rest["weight_decay"] == backbone["weight_decay"] == 1e-3
-    assert {id(p) for p in backbone["params"]} == {
-        id(p) for name, p in policy.named_parameters() if name.startswith("network.") and ".backbone." in name
-    }
-    trained = [id(p) for group in optimizer.param_groups for p in group["params"]]
-    assert sorted(trained) == sorted(id(p) for p in policy.network.parameters())  # each once, no average
-    assert any(
-        "project" in name for name, p in policy.network.named_parameters() if id(p) in {id(q) for q in rest["params"]}
-    )
-
-
 def test_a_state_policy_has_one_rate():
     assert [group.keys() for group in make_policy("gloves_expert_flow").get_optim_params()] == [{"params"}]
 
