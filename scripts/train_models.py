@@ -12,6 +12,7 @@ import argparse
 import json
 import time
 from pathlib import Path
+from typing import Any
 
 import yaml
 from lerobot.utils.import_utils import register_third_party_plugins
@@ -40,7 +41,25 @@ _BASELINE = {
     "batch_size": 32,
     "steps": 6000,
 }
-OPTIONS: dict[str, dict[str, dict[str, int]]] = {
+
+
+def _with_cameras(task: str) -> dict[str, dict[str, Any]]:
+    """Options of models that see images: the correctors look through the expert flow's encoders, as they are."""
+    eyes = {"policy.backbone_dtype": "bfloat16", "policy.pretrained_backbone_weights": "null"}
+    seen = f"outputs/{task}/expert_flow/checkpoints/last/pretrained_model"
+    borrowed = {**eyes, "policy.pretrained_backbone_weights": seen, "policy.optimizer_lr_backbone": 0.0}
+    first = {**eyes, "policy.samples_per_item": 8, "policy.optimizer_lr": 5e-4, "save_freq": 2000}
+    return {
+        "agent": first | {"steps": 12000},
+        "expert_flow": first | {"steps": 8000},
+        "copilot": borrowed,
+        "csa_teacher": borrowed,
+        "csa_student": {**eyes, "policy.optimizer_lr_backbone": 0.0},
+    }
+
+
+OPTIONS: dict[str, dict[str, dict[str, Any]]] = {
+    **{task: _with_cameras(task) for task in ("slalom_pixels", "can_pixels")},
     "slalom": {
         **dict.fromkeys(("agent", "expert_flow"), _PAIR | {"batch_size": 8, "steps": 15000, "save_freq": 5000}),
         **dict.fromkeys(("ddpm_assist", "csa_teacher", "csa_student"), _BASELINE),
@@ -56,7 +75,7 @@ OPTIONS: dict[str, dict[str, dict[str, int]]] = {
         "copilot": _SHORT | {"steps": 12000},
     },
 }
-"""By task and model, the options of `lerobot-train` over configs/cpu/<model>.yaml; Keypad and CAN have none."""
+"""By task, or else type of environment, and model, the options of `lerobot-train` over configs/cpu/<model>.yaml."""
 
 
 class Models:
@@ -75,7 +94,7 @@ class Models:
         (setting,) = yaml.safe_load(benchmark)["tasks"].values()
         # Slalom's agent and expert flow ship with the package; a student has a teacher, which no benchmark names.
         self.needed = [m for m in MODELS if f"{self.root}/{m.replace('teacher', 'student')}/" in benchmark]
-        self.options = OPTIONS.get(setting["env"]["type"].removeprefix("gloves_"), {})
+        self.options = OPTIONS.get(task, OPTIONS.get(setting["env"]["type"].removeprefix("gloves_"), {}))
         self.env = [f"--env.{key}={json.dumps(value).strip('"')}" for key, value in setting["env"].items()]
         self.agent = setting["agent"]
         self.perturbations = {k: v for k, v in setting["perturbations"].items() if k in SOURCES}
@@ -129,7 +148,8 @@ class Models:
 
         wanted = [model for model in self.needed if model in wanted]
         together(self.record("state"))
-        together(*(self.train(model) for model in wanted if model in MODELS[:5]))
+        for models in (MODELS[:2], MODELS[2:5]):
+            together(*(self.train(model) for model in wanted if model in models))
         after: list[Stage] = [self.calibrate(model) for model in ("expert_flow", "copilot") if model in wanted]
         if "csa_student" in wanted:
             teacher = self.train("csa_teacher").checkpoint

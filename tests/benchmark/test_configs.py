@@ -56,7 +56,7 @@ def check(setup: Setup, cell: Cell) -> None:
 
 TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
 """Episodes of a seed in the paper."""
-BENCHMARKS = [*TASKS, "charger_hidden"]
+BENCHMARKS = [*TASKS, "charger_hidden", "slalom_pixels", "can_pixels"]
 
 
 @pytest.mark.parametrize("name", [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")])

@@ -99,6 +99,22 @@ def test_an_ablation_is_trained_in_its_own_environment_by_its_tasks_configuratio
     assert labels(made) == ["recording state", "agent", "expert_flow", "calibration of expert_flow"]
 
 
+def test_with_cameras_the_correctors_look_through_the_expert_flows_encoders(made):
+    Models("can_pixels", None, 1).make(list(train_models.MODELS))
+    trained = {command.label: set(command.words) for command in made if "lerobot-train" in command.words[0]}
+    assert list(trained) == ["agent", "expert_flow", "copilot", "csa_teacher", "csa_student"]
+    recorded = made[0].words
+    assert {"--env.obs_type=pixels_agent_pos", "--env.image_size=96"} < set(recorded)
+    start = "--policy.pretrained_backbone_weights="
+    seen = f"{start}outputs/can_pixels/expert_flow/checkpoints/last/pretrained_model"
+    for model in ("agent", "expert_flow", "csa_student"):  # a student starts from its teacher
+        assert f"{start}null" in trained[model]
+    for model in ("copilot", "csa_teacher"):
+        assert {seen, "--policy.optimizer_lr_backbone=0.0"} < trained[model]
+    for words in trained.values():
+        assert {"--policy.backbone_dtype=bfloat16", "--dataset.repo_id=gloves/can_pixels_state"} < words
+
+
 def test_a_training_goes_on_from_its_last_checkpoint(made):
     run = Path("outputs/keypad/agent")
     write_checkpoint(run, 2000)
