@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from lerobot_gloves.editors.reference import Reference
-from lerobot_gloves.editors.together import Foreseen, side_by_side
+from lerobot_gloves.editors.together import Remembered, side_by_side
 from lerobot_gloves.flow import VelocityField, endpoint, times
 
 
@@ -47,12 +47,12 @@ class Copilot:
             # The score's first evaluation shares a batch with the only one here.
             evaluate, end = side_by_side([posterior, expert]), times(1.0, proposal)
             told, alone = evaluate([nothing, proposal], [start, end])
-            expert = Foreseen(expert, proposal, end, alone)
+            expert = Remembered(expert, proposal, end, alone)
         else:
             told = posterior(nothing, start)
         mean = endpoint(nothing, start, told)
-        foreseen = Foreseen(posterior, nothing, start, told)  # a score may ask for the mean as well
-        free = replace(reference, expert=expert, posterior=foreseen).nonconformity(proposal) > threshold
+        known = Remembered(posterior, nothing, start, told)  # a score may ask for the mean as well
+        free = replace(reference, expert=expert, posterior=known).nonconformity(proposal) > threshold
         if reference.repeated is not None:
             free |= reference.repeated
         edit = mean - proposal

@@ -22,18 +22,33 @@ def side_by_side(fields: Sequence[VelocityField]) -> Evaluate:
     return lambda points, t: stacked(torch.cat(list(points)), torch.cat(list(t))).chunk(len(fields))
 
 
-class Foreseen:
-    """A field that was asked at one point before anybody else asks there. Asked for a gradient, it is asked again.
+class Remembered:
+    """A field that is not evaluated again where it was asked last, unless for a gradient.
 
     Args:
         field: The field.
-        x: Where it was asked, (N, T, A), and `t`, (N,).
-        velocity: What it answered.
+        x: Where it was asked already, (N, T, A), and `t`, (N,).
+        velocity: What it answered; None for not asked yet.
     """
 
-    def __init__(self, field: VelocityField, x: Tensor, t: Tensor, velocity: Tensor):
-        self.field, self.x, self.t, self.velocity = field, x, t, velocity
+    def __init__(
+        self, field: VelocityField, x: Tensor | None = None, t: Tensor | None = None, velocity: Tensor | None = None
+    ):
+        self.field, self._x, self._t, self._velocity = field, x, t, velocity
 
     def __call__(self, x: Tensor, t: Tensor) -> Tensor:
-        known = not x.requires_grad and torch.equal(x, self.x) and torch.equal(t, self.t)
-        return self.velocity if known else self.field(x, t)
+        if x.requires_grad:
+            return self.field(x, t)
+        if self._velocity is None or not self._asked(x, t):
+            self._x, self._t, self._velocity = x, t, self.field(x, t)
+        return self._velocity
+
+    def _asked(self, x: Tensor, t: Tensor) -> bool:
+        return self._x is not None and self._t is not None and torch.equal(x, self._x) and torch.equal(t, self._t)
+
+    def select(self, rows: Tensor) -> "Remembered":
+        """Of some of the contexts, bool (B,), where it was asked once for each of them at most."""
+        field = self.field.select(rows)  # type: ignore[attr-defined]
+        if self._x is None or self._t is None or self._velocity is None or len(self._x) != len(rows):
+            return Remembered(field)
+        return Remembered(field, self._x[rows], self._t[rows], self._velocity[rows])

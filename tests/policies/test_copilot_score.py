@@ -74,6 +74,28 @@ def test_in_the_copilots_edit_the_mean_is_score_as_well(policy, chunks):
     assert len(calls) == 1 and bound.evaluations == before + 1
 
 
+def test_an_edit_of_what_was_scored_does_not_ask_for_the_mean_again(policy, chunks):
+    proposal, editor = chunks[:, -1], Copilot(limit=0.0)
+    some, middle = torch.tensor([True, False, True]), distances(policy, chunks).median().item() + 1e-6
+    alone = policy.bind(seen(policy), chunks[:, :-1]).edit(proposal, editor, score=CorrectionScore(), threshold=middle)
+    bound, calls = policy.bind(seen(policy), chunks[:, :-1]), []
+    bound.score(proposal, CorrectionScore())
+    hook = policy.averaged.dit.register_forward_hook(lambda *_: calls.append(1))
+    part = bound.select(some)
+    for edited, expected in (
+        (bound.edit(proposal, editor, score=CorrectionScore(), threshold=middle), alone),
+        (part.edit(proposal[some], editor, score=CorrectionScore(), threshold=middle), alone[some]),
+    ):
+        torch.testing.assert_close(edited, expected)
+    assert not calls and (bound.evaluations, part.evaluations) == (1, 0)
+    # Of others it does.
+    other = proposal + 1.0
+    fresh = policy.bind(seen(policy), chunks[:, :-1]).edit(other, Copilot(limit=-1))
+    torch.testing.assert_close(bound.edit(other, Copilot(limit=-1)), fresh)
+    hook.remove()
+    assert bound.evaluations == 2
+
+
 @pytest.mark.parametrize("other", [ReverseScore(), LikelihoodScore(steps=3)])
 def test_in_the_copilots_edit_two_scores_turn_away_what_either_does(policy, chunks, other):
     bound, proposal = policy.bind(seen(policy), chunks[:, :-1]), chunks[:, -1]
