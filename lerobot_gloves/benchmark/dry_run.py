@@ -30,7 +30,7 @@ def try_all(jobs: Sequence[Job]) -> None:
         tasks[str(job.conditions["env"])].setdefault(_method(job), job)
     for methods in tasks.values():
         first = next(iter(methods.values()))
-        with environments(first.setup.env, 1) as env:
+        with environments(first.setup.env, 1, fast_rendering=first.setup.fast_rendering) as env:
             for job in methods.values():
                 with named(job):
                     try_out(job, env)

@@ -152,7 +152,7 @@ def cells(tasks: Mapping[str, Task], seeds: Sequence[int], **shared: Any) -> Ite
     Args:
         tasks: The tasks by name.
         seeds: Seeds of the policies.
-        **shared: What all setups have in common: split, episodes, batch size.
+        **shared: What all setups have in common: split, episodes, batch size, fast rendering.
 
     Raises:
         ValueError: If a setup is not valid.

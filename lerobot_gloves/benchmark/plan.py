@@ -38,7 +38,12 @@ def plan(matrix: Iterable[tuple[Setup, Cell]]) -> list[Job]:
         config("agent", setup.agent)
         own = resolve_method(setup, editor, gate)
         shared = {
-            "env": {"type": setup.env.type, "task": setup.env.task, **setup.env.gym_kwargs},
+            "env": {
+                "type": setup.env.type,
+                "task": setup.env.task,
+                **setup.env.gym_kwargs,
+                **({"fast_rendering": True} if setup.fast_rendering else {}),
+            },
             "agent": content(setup.agent),
             "split": setup.split,
             "episodes": setup.episodes,

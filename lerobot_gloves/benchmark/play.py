@@ -62,7 +62,7 @@ def run(setup: Setup, cell: Cell) -> list[Episode]:
     seeds = environment_seeds(setup.split, cell.seed, setup.episodes)
     agent = load(setup, cell)
     episodes: list[Episode] = []
-    with environments(setup.env, setup.batch_size) as env, agent.autocast:
+    with environments(setup.env, setup.batch_size, fast_rendering=setup.fast_rendering) as env, agent.autocast:
         while len(episodes) < setup.episodes:
             # The last batch is as large as the others, as in lerobot-eval; what is too many of it is dropped.
             begin = seeds.start + len(episodes)

@@ -29,6 +29,7 @@ class Setup:
         score: Nonconformity score and its options; None for the adapter's first, if it has any.
         alpha: The gate's significance level.
         options: Further options of the wrapper for its adapter, such as `adapter_overrides` (see `adapter_options`).
+        fast_rendering: Whether MuJoCo draws without multisampling and with coarser shadows.
 
     Raises:
         ValueError: If split, episodes or batch size is not valid.
@@ -43,6 +44,7 @@ class Setup:
     score: str | None = None
     alpha: float = 0.05
     options: dict[str, Any] = field(default_factory=dict)
+    fast_rendering: bool = False
 
     def __post_init__(self) -> None:
         self.agent = os.path.expanduser(self.agent)

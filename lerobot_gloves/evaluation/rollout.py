@@ -10,6 +10,7 @@ from lerobot.envs.utils import NEW_ROLLOUT_OPTION
 
 from lerobot_gloves.evaluation.agent import WrappedAgent
 from lerobot_gloves.evaluation.episode import Episode
+from lerobot_gloves.evaluation.rendering import draw_only
 
 
 def rollout(
@@ -22,8 +23,9 @@ def rollout(
 
     Args:
         env: B environments.
-        agent: Any policy. The wrapper, known by its attributes `running` and `correction`, is told which episodes
-            still run and between what actions must lie, and its chunks are counted.
+        agent: Any policy. The wrapper, known by its attributes `running`, `correction` and `unread`, is told which
+            episodes still run and between what actions must lie, its chunks are counted, and what it does not read is
+            not drawn.
         seeds: B seeds of the environments.
         watch: Called once a step, when the policy has acted and before the environments do, with their observations
             and with which episodes still run, bool (B,).
@@ -33,6 +35,7 @@ def rollout(
     space = env.single_action_space
     if agent.direct and isinstance(space, gym.spaces.Box) and hasattr(policy, "bound_actions"):
         policy.bound_actions(torch.from_numpy(space.low), torch.from_numpy(space.high))
+    draw_only(env, np.ones(env.num_envs, dtype=bool))
     observation, _ = env.reset(seed=list(seeds), options={NEW_ROLLOUT_OPTION: True})
     episodes = [Episode(seed) for seed in seeds]
     running = np.ones(env.num_envs, dtype=bool)
@@ -44,6 +47,7 @@ def rollout(
         count_chunks(episodes, running, getattr(policy, "correction", None))
         if watch is not None:
             watch(observation, running)
+        draw_only(env, running & (getattr(policy, "unread", 0) == 0))
         observation, _, terminated, truncated, info = env.step(action.cpu().numpy())
         over = terminated | truncated | (step == limit)
         for row in running.nonzero()[0]:

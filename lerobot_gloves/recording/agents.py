@@ -99,6 +99,7 @@ def record(
     seed: int,
     num_workers: int,
     image_size: int | None = None,
+    fast_rendering: bool = False,
 ) -> Iterator[int]:
     """Stage the episodes 0 to `num_episodes` - 1 that are not there yet, batch by batch.
 
@@ -113,6 +114,7 @@ def record(
         seed: Environment seed of episode 0; episode i has seed + i.
         num_workers: Processes that record side by side.
         image_size: Height and width of the images that are kept, in pixels; None for those that the agent sees.
+        fast_rendering: Whether MuJoCo draws without multisampling and with coarser shadows.
 
     Yields:
         How many episodes there are, whenever that has changed.
@@ -120,14 +122,21 @@ def record(
     batches = [
         range(first, min(first + agent.batch_size, num_episodes)) for first in range(0, num_episodes, agent.batch_size)
     ]
-    yield from stage_all(partial(_stage, env_config, agent, folder, seed, image_size), folder, batches, num_workers)
+    stage = partial(_stage, env_config, agent, folder, seed, image_size, fast_rendering)
+    yield from stage_all(stage, folder, batches, num_workers)
 
 
 def _stage(
-    env_config: EnvConfig, agent: Agent, folder: Path, seed: int, image_size: int | None, batches: Sequence[range]
+    env_config: EnvConfig,
+    agent: Agent,
+    folder: Path,
+    seed: int,
+    image_size: int | None,
+    fast_rendering: bool,
+    batches: Sequence[range],
 ) -> Iterator[None]:
     torch.set_num_threads(1)  # the order of sums, and with it the last bits of an action, depend on it
-    with environments(env_config, agent.batch_size) as env:
+    with environments(env_config, agent.batch_size, fast_rendering=fast_rendering) as env:
         for batch in batches:
             # The last batch is as large as the others; what is too many of it is dropped.
             episodes = play(env_config, agent, env, seed + batch.start, image_size)

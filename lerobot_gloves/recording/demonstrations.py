@@ -11,7 +11,7 @@ from lerobot.envs import EnvConfig
 from lerobot.utils.constants import ACTION
 
 from lerobot_gloves.evaluation.agent import TASK_ATTRIBUTES
-from lerobot_gloves.evaluation.environments import every_task
+from lerobot_gloves.evaluation.environments import every_task, refuse_fast
 from lerobot_gloves.evaluation.seeds import ALL
 from lerobot_gloves.recording import staging
 from lerobot_gloves.recording.experts import Recordable, expert_of
@@ -32,6 +32,7 @@ def record(
     seed: int,
     num_workers: int,
     image_size: int | None = None,
+    fast_rendering: bool = False,
 ) -> Iterator[int]:
     """Stage the episodes 0 to `num_episodes` - 1 that are not there yet.
 
@@ -45,18 +46,25 @@ def record(
         seed: Seed of episode 0.
         num_workers: Processes that record side by side.
         image_size: Height and width of the images that are kept, in pixels; None for those that are observed.
+        fast_rendering: Whether MuJoCo draws without multisampling and with coarser shadows.
 
     Yields:
         How many episodes there are, whenever that has changed.
     """
     parts = [range(index, index + 1) for index in range(num_episodes)]
-    yield from stage_all(partial(_stage, env_config, folder, seed, image_size), folder, parts, num_workers)
+    stage = partial(_stage, env_config, folder, seed, image_size, fast_rendering)
+    yield from stage_all(stage, folder, parts, num_workers)
 
 
 def _stage(
-    env_config: EnvConfig, folder: Path, seed: int, image_size: int | None, parts: Sequence[range]
+    env_config: EnvConfig,
+    folder: Path,
+    seed: int,
+    image_size: int | None,
+    fast_rendering: bool,
+    parts: Sequence[range],
 ) -> Iterator[None]:
-    with simulations(env_config) as envs:
+    with simulations(env_config, fast_rendering) as envs:
         for part in parts:
             for index in part:
                 env = envs[(seed + index) % len(envs)]
@@ -65,14 +73,15 @@ def _stage(
 
 
 @contextmanager
-def simulations(env_config: EnvConfig) -> Iterator[list[gym.Env]]:
+def simulations(env_config: EnvConfig, fast_rendering: bool = False) -> Iterator[list[gym.Env]]:
     """Where a task is demonstrated; one for each of the tasks if a stock environment is several."""
     if isinstance(env_config, Recordable):
+        refuse_fast(env_config, fast_rendering)
         env: gym.Env = gym.make(env_config.gym_id, disable_env_checker=True, **env_config.demonstration_kwargs)
         yield [env]
         env.close()
     else:
-        with every_task(env_config, 1) as batches:
+        with every_task(env_config, 1, fast_rendering=fast_rendering) as batches:
             yield [batch.envs[0] for batch in batches]
 
 

@@ -15,6 +15,7 @@ from lerobot.processor import (
     make_default_pre_post_processors,
 )
 from torch import Tensor
+from torchvision.transforms import functional
 
 COLOURS = 3
 """Channels of an image."""
@@ -38,11 +39,14 @@ class FlowInputs(ProcessorStep):
         cameras: Observation keys of the images that the flow reads.
         states: Those of all else that it reads.
         excluded: Those that it was told to leave out.
+        sizes: Height and width of the images that the flow was trained on, in pixels, by key; others are resized to it,
+            as LeRobot's processor step does.
     """
 
     cameras: list[str] = field(default_factory=list)
     states: list[str] = field(default_factory=list)
     excluded: list[str] = field(default_factory=list)
+    sizes: dict[str, list[int]] = field(default_factory=dict)
 
     def __call__(self, transition: EnvTransition) -> EnvTransition:
         """See `ProcessorStep`.
@@ -63,7 +67,8 @@ class FlowInputs(ProcessorStep):
                     f"{key} holds values up to {brightest:g}, but colours lie between 0 and 1: if it is a depth "
                     f"camera, train without it, {excluding(key, *self.excluded)}"
                 )
-            observation[key] = value.to(torch.float32)
+            value = value.to(torch.float32)
+            observation[key] = _resized(value, self.sizes[key]) if key in self.sizes else value
         made = {**transition, TransitionKey.OBSERVATION: observation}
         action = transition.get(TransitionKey.ACTION)
         if isinstance(action, Tensor):
@@ -71,10 +76,17 @@ class FlowInputs(ProcessorStep):
         return made
 
     def get_config(self) -> dict[str, Any]:
-        return {"cameras": self.cameras, "states": self.states, "excluded": self.excluded}
+        return {"cameras": self.cameras, "states": self.states, "excluded": self.excluded, "sizes": self.sizes}
 
     def transform_features(self, features: Any) -> Any:
         return features
+
+
+def _resized(image: Tensor, size: list[int]) -> Tensor:
+    """Images (..., H, W) in [0, 1] of that height and width."""
+    if list(image.shape[-2:]) == size:
+        return image
+    return functional.resize(image, size).clamp(0.0, 1.0)
 
 
 def make_flow_pre_post_processors(config: PreTrainedConfig, dataset_stats: Any = None, **options: Any) -> Any:
@@ -84,5 +96,6 @@ def make_flow_pre_post_processors(config: PreTrainedConfig, dataset_stats: Any =
     cameras = [key for key, feature in features.items() if feature.type is FeatureType.VISUAL]
     states = [key for key in features if key not in cameras]
     place = next(i for i, step in enumerate(before.steps) if isinstance(step, DeviceProcessorStep))
-    before.steps.insert(place, FlowInputs(cameras, states, list(getattr(config, "exclude_features", []))))
+    sizes = {key: list(features[key].shape[1:]) for key in cameras}
+    before.steps.insert(place, FlowInputs(cameras, states, list(getattr(config, "exclude_features", [])), sizes))
     return before, behind

@@ -21,6 +21,7 @@ from lerobot_gloves.commands.bench import BenchConfig
 from lerobot_gloves.evaluation.agent import resolve_perturbation
 from lerobot_gloves.report.paper import COLUMNS
 from lerobot_gloves.specification import parse
+from scripts import train_metaworld
 
 BASELINES = ("DDPM", "CSA")
 EPISODES = {"can": 30, "charger": 30}
@@ -57,9 +58,10 @@ def check(setup: Setup, cell: Cell) -> None:
 TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
 """Episodes of a seed in the paper."""
 BENCHMARKS = [*TASKS, "charger_hidden", "slalom_pixels", "can_pixels"]
+FILES = [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")]
 
 
-@pytest.mark.parametrize("name", [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")])
+@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml"])
 def test_every_cell_is_valid(name: str) -> None:
     config = read(name)
     shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
@@ -69,6 +71,18 @@ def test_every_cell_is_valid(name: str) -> None:
         if (cell.task, cell.column) not in seen:
             check(setup, cell)
         seen.add((cell.task, cell.column))
+
+
+def test_metaworld_plays_every_agent_a_hundred_times_and_names_what_its_script_makes() -> None:
+    config = read("metaworld.yaml")
+    assert len(config.seeds) * config.episodes == 100
+    made = {str(run.checkpoint) for run in train_metaworld.agents()}
+    named = {task.agent for task in config.tasks.values()}
+    assert named == {*made, str(train_metaworld.train("expert_flow", "expert_flow").checkpoint)}
+    assert {task.env.task for task in config.tasks.values()} == set(train_metaworld.TASKS)
+    assert {path.stem for path in (ROOT / "configs" / "metaworld").glob("*.yaml")} == {
+        *("act", "act_large", "diffusion", "multi_task_dit", "expert_flow", "copilot", "csa_teacher", "csa_student")
+    }
 
 
 @pytest.mark.parametrize(("task", "episodes"), TASKS.items())

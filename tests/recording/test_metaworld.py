@@ -1,7 +1,6 @@
 """MetaWorld, as LeRobot has it, played by its own experts.
 
-A picture of 480 x 480 takes a quarter of a second of software rendering. So what is rendered here is a stand-in, which
-shows where the hand is; pictures are none of the expert's business.
+What is rendered here is a stand-in: pictures are none of the expert's business.
 """
 
 import sys
@@ -18,14 +17,10 @@ from lerobot.utils.feature_utils import dataset_to_policy_features
 from lerobot_gloves.commands.record import RecordConfig, RecordedDatasetConfig, record
 from lerobot_gloves.evaluation.environments import environments
 from tests.builders import save_policy
+from tests.metaworld import draw
 
 TASKS = {"reach-v3": "Reach a goal position", "drawer-close-v3": "Push and close a drawer"}
 SEED = 30000
-
-
-def draw(renderer, *_, **__):
-    at = renderer.data.body("hand").xpos
-    return np.broadcast_to((np.abs(at) * 1000 % 256).astype(np.uint8), (480, 480, 3)).copy()
 
 
 @pytest.fixture(autouse=True, scope="module")

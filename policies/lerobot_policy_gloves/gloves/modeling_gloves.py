@@ -26,17 +26,13 @@ from .correction import Correction, Corrector
 from .decoding import Decoder
 from .journal import Journal
 from .plan import Plan
-from .proposals import ChunkTap, Proposal
+from .proposals import ChunkTap, NonFiniteProposalError, Proposal
 from .realtime import LeftOver
 
 logger = logging.getLogger(__name__)
 
 NOTHING = Plan(torch.empty(0, 0, 0), executed=0, step=0)
 """The plan before an episode's first."""
-
-
-class NonFiniteProposalError(ValueError):
-    """The agent proposed NaN or infinity, which is never executed."""
 
 
 class GlovesPolicy(PreTrainedPolicy):
@@ -172,6 +168,11 @@ class GlovesPolicy(PreTrainedPolicy):
     def executed(self) -> int:
         """How many actions of the agent's last proposal it executes, the first ones."""
         return self._plan.executed
+
+    @property
+    def unread(self) -> int:
+        """For how many of the next steps neither the agent nor the adapter reads what the environments show."""
+        return max(0, min(self._tap.unread, len(self._action_queue)))
 
     @property
     def _covered(self) -> int | None:

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any
+from typing import Any, cast
 
 import torch
 from lerobot.policies.pretrained import PreTrainedPolicy
+from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 # `select_action` of SmolVLA and XVLA calls the private one.
@@ -15,6 +16,14 @@ CHUNK_METHODS = ("_get_action_chunk", "predict_action_chunk")
 SAMPLE_METHOD = "conditional_sample"
 # Whose chunks are (n, B, A).
 STEPS_FIRST = {"tdmpc"}
+
+
+# Of these it is known that while actions are queued `select_action` reads nothing, or notes the last observations.
+READ_WHERE_THEY_PLAN = {"act", "diffusion", "multi_task_dit", "smolvla", "gloves_expert_flow", "gloves_flow_policy"}
+
+
+class NonFiniteProposalError(ValueError):
+    """The agent proposed NaN or infinity, which is never executed."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +55,20 @@ class ChunkTap:
         for module in policy.modules():
             if hasattr(module, SAMPLE_METHOD):
                 _listen(module, SAMPLE_METHOD, self._hear_sample)
-        self._config: Any = policy.config
+        self._policy, self._config = policy, cast(Any, policy.config)
         # GR00T executes fewer than it is asked for where its checkpoint says so.
         self._executed: int | None = getattr(policy, "_action_queue_steps", None)
         self._ensembler: Any = getattr(policy, "temporal_ensembler", None)
+
+    @property
+    def unread(self) -> int:
+        """For how many of the next steps the agent reads nothing of what it is shown; 0 where nobody knows."""
+        if self._config.type not in READ_WHERE_THEY_PLAN or self._ensembler is not None:
+            return 0
+        queue = getattr(self._policy, "_action_queue", None)
+        if queue is None:
+            queue = getattr(self._policy, "_queues", {}).get(ACTION, ())
+        return max(0, len(queue) - (self._config.n_obs_steps - 1))
 
     def _hear_chunk(self, chunk: Any) -> None:
         self._chunk = chunk
