@@ -17,7 +17,7 @@ from torch import Tensor
 
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.drive.protocol import Assist, Settings
-from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent, task_strings
+from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent, quiet, task_strings
 from lerobot_gloves.perturbations import Perturbation, parse_perturbation
 from lerobot_gloves.tasks.configuration import OBS_COMMAND
 
@@ -174,13 +174,14 @@ def load_assistance(
         overrides, revision = options.get("adapter_overrides") or (), options.get("adapter_revision")
         length = checkpoint_config("policy.adapter", adapter, overrides, revision).chunk_size  # type: ignore[attr-defined]
     features = env_to_policy_features(env)
-    person = make_policy_config(
-        "gloves_person",
-        chunk_size=length,
-        input_features={key: one for key, one in features.items() if key != ACTION},
-        output_features={ACTION: features[ACTION]},
-        device=device,
-    )
+    with quiet():  # LeRobot warns where there is no GPU
+        person = make_policy_config(
+            "gloves_person",
+            chunk_size=length,
+            input_features={key: one for key, one in features.items() if key != ACTION},
+            output_features={ACTION: features[ACTION]},
+            **({} if device is None else {"device": device}),
+        )
     with tempfile.TemporaryDirectory() as folder:
         checkpoint = Path(folder) / "person"  # the name by which the wrapper's start line calls its agent
         person.save_pretrained(checkpoint)

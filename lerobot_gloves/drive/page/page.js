@@ -51,8 +51,8 @@ function hear(message) {
     tellRole();
   } else if (message.type === "trail") {
     trail = message.trail;
+    state = null; // up to date with the trail
   } else if (message.type === "about") {
-    if (about && about.episode !== message.episode && trail.length > 1 && state && state.episode !== message.episode) trail = [];
     about = message;
     at("words").textContent = about.words;
     tellSettings();
@@ -65,7 +65,7 @@ function hear(message) {
 
 function step(next) {
   if (state && next.episode !== state.episode) trail = [];
-  if (!state || next.step !== state.step || next.episode !== state.episode) trail.push([...next.place, next.edited]);
+  if (state && (next.step !== state.step || next.episode !== state.episode)) trail.push([...next.place, next.edited]);
   state = next;
   states.push(state);
   if (states.length > 2 * draw.KEPT_SECONDS * scene.rate) states = states.slice(-draw.KEPT_SECONDS * scene.rate);
@@ -77,9 +77,10 @@ function step(next) {
   at("outcome").className = state.phase;
   if (state.notice) at("notice").textContent = state.notice;
   const { p } = state;
-  const judged = p === null ? "not judged" : `p = ${p < 0.001 ? "< 0.001" : p.toFixed(3)}`;
+  const judged = p === null ? "not judged" : p < 0.001 ? "p < 0.001" : `p = ${p.toFixed(3)}`;
   const still = !state.sent[0] && !state.sent[1];
-  at("reading").textContent = still ? "Standing still." : `${state.edited ? "Edited" : "Executed as sent"}, ${judged}.`;
+  at("reading").textContent = state.phase !== "driving" ? "Nothing is executed." : still ? "Standing still."
+    : `${state.edited ? "Edited" : "Executed as sent"}, ${judged}.`;
   paint();
 }
 
