@@ -172,7 +172,7 @@ def load_assistance(
     length = 1
     if adapter := options.get("adapter"):
         overrides, revision = options.get("adapter_overrides") or (), options.get("adapter_revision")
-        length = checkpoint_config("policy.adapter", adapter, overrides, revision).chunk_size  # type: ignore[attr-defined]
+        length = checkpoint_config("policy.adapter", adapter, overrides, revision).chunk_size
     features = env_to_policy_features(env)
     with quiet():  # LeRobot warns where there is no GPU
         person = make_policy_config(

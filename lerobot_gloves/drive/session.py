@@ -69,9 +69,11 @@ class Session:
         self._env, self._view, self._assistance = env, view, assistance
         self._rng, self._first, self._seed = np.random.default_rng(seed), seed, seed
         self._asked: SimpleQueue[Settings | Begin] = SimpleQueue()
-        self._episode = 0
+        self._phase: Phase = "ready"
+        self._episode = self._steps = 0
+        self._ending = self._notice = ""
+        self._trail: list[tuple[float, float, bool]] = []
         self._picture, self._drawn = b"", (-1, -1)
-        self._notice = ""
         self._begin()
 
     def ask(self, message: Settings | Begin) -> None:
@@ -130,8 +132,7 @@ class Session:
     def _begin(self) -> None:
         self._assistance.reset()
         self._observation, _ = self._env.reset(seed=[self._seed], options={NEW_ROLLOUT_OPTION: True})
-        self._phase: Phase = "ready"
-        self._ending, self._steps, self._notice = "", 0, ""
+        self._phase, self._ending, self._steps, self._notice = "ready", "", 0, ""
         self._episode += 1
         self._trail = [(*self._place(), False)]
         self._tell()

@@ -152,7 +152,11 @@ addEventListener("keydown", (event) => {
 let pointer = false;
 addEventListener("pointerdown", () => { pointer = true; }, true);
 addEventListener("keydown", () => { pointer = false; }, true);
-at("settings").addEventListener("change", () => pointer && at("pad").focus({ preventScroll: true }));
+for (const [event, kind] of [["click", "input"], ["change", "select"]]) {
+  at("settings").addEventListener(event, ({ target }) => {
+    if (pointer && target.matches(kind)) at("pad").focus({ preventScroll: true });
+  });
+}
 new ResizeObserver(paint).observe(at("top"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
 tellRole();

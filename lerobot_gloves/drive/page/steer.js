@@ -34,9 +34,9 @@ export function position() {
   return dragged || gamepad();
 }
 
-// Whether an element uses the arrow keys itself.
-function own(element) {
-  return element.matches("select, input");
+// Whether an element uses a key itself: sliders and choices the arrows, a list letters as well.
+function own(element, code) {
+  return element.matches("select") || (element.matches("input") && code.startsWith("Arrow"));
 }
 
 export function install(pad, moved) {
@@ -46,7 +46,7 @@ export function install(pad, moved) {
     moved();
   };
   addEventListener("keydown", (event) => {
-    if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || own(event.target)) return;
+    if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || own(event.target, event.code)) return;
     event.preventDefault(); // the page would scroll
     if (!event.repeat) {
       down.add(event.code);
