@@ -31,7 +31,7 @@ FLOORS = (
     {"evaluation"},
     {"recording", "benchmark"},
     {"report"},
-    {"demo"},
+    {"demo", "drive"},
     {"commands"},
 )
 """Rooms of the library from the ground up: each stands on those below it, and on none beside it but the method."""

@@ -11,6 +11,7 @@ COMMANDS = {
     "push": "upload a trained checkpoint with its calibration and its card",
     "bench": "run perturbation x method x seed on a task",
     "demo": "see an imperfect policy get better",
+    "drive": "drive a robot yourself, in the browser, and see your commands corrected",
     "serve": "run LeRobot's policy server, which then knows wrapped policies",
     "report": "turn benchmark rows into tables and plots",
 }

@@ -16,6 +16,8 @@ from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_IMAGES, OBS_STATE
 from lerobot_gloves.tasks.environment import CONTROL_HZ, check_observation_type
 
 OBS_GOAL = "observation.goal"
+OBS_COMMAND = "observation.command"
+"""What a person commands at this moment, a raw action; no environment shows it."""
 _KEYS = {"agent_pos": OBS_STATE, "environment_state": OBS_ENV_STATE, "goal": OBS_GOAL}
 
 

@@ -15,9 +15,17 @@ from .gloves_align_flow.configuration_gloves_align_flow import GlovesAlignFlowCo
 from .gloves_copilot.configuration_gloves_copilot import GlovesCopilotConfig
 from .gloves_expert_flow.configuration_gloves_expert_flow import GlovesExpertFlowConfig
 from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfig
+from .gloves_person.configuration_gloves_person import GlovesPersonConfig
 
 install()
 environments.install()
 typed.install()
 
-__all__ = ["GlovesAlignFlowConfig", "GlovesConfig", "GlovesCopilotConfig", "GlovesExpertFlowConfig", "GlovesFlowConfig"]
+__all__ = [
+    "GlovesAlignFlowConfig",
+    "GlovesConfig",
+    "GlovesCopilotConfig",
+    "GlovesExpertFlowConfig",
+    "GlovesFlowConfig",
+    "GlovesPersonConfig",
+]

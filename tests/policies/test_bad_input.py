@@ -10,7 +10,8 @@ from lerobot.policies import make_policy_config
 from safetensors.torch import load_file, save_file
 
 from lerobot_gloves.checkpoints.calibration import CALIBRATION_NAME
-from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy, NonFiniteProposalError
+from lerobot_policy_gloves.gloves.finite import NonFiniteProposalError
+from lerobot_policy_gloves.gloves.modeling_gloves import GlovesPolicy
 from tests.builders import CAMERA, calibrate, features, observation, save_policy, wrap
 
 

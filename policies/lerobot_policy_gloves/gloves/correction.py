@@ -6,20 +6,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
-from lerobot.configs import PreTrainedConfig
-from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.adapter import Adapter, BoundAdapter, pad
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
-from lerobot_gloves.checkpoints.features import SAME_RATE, check_features, check_rate
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.checkpoints.recommendation import Recommendation
 from lerobot_gloves.checkpoints.statistics import Constants, action_range
 from lerobot_gloves.specification import name_of, parse_all, parse_optional, specification
 
 from .configuration_gloves import GlovesConfig
+from .fits import check_fits
 from .gate import Gate
 from .settings import Settings, settle
 
@@ -100,39 +98,49 @@ class Corrector:
                 f"{adapter} is a policy of type {adapter_config.type!r}, which cannot correct another one: "
                 "--policy.adapter takes a checkpoint such as one of gloves_expert_flow"
             )
-        self.calibration = calibration = Calibration.load(adapter, config.adapter_revision)
-        recommendation = Recommendation.load(adapter, config.adapter_revision) if config.method is None else None
-        if stored := [one for one in (calibration, recommendation) if one is not None]:
+        self._name, self._revision = adapter, config.adapter_revision
+        self._guidance = getattr(adapter_config, "guidance", 1.0)
+        self.calibration = Calibration.load(adapter, config.adapter_revision)
+        self._recommendation = Recommendation.load(adapter, config.adapter_revision) if config.method is None else None
+        if stored := [one for one in (self.calibration, self._recommendation) if one is not None]:
             weights = weights_hash(self.loaded.policy.state_dict())
             for one in stored:
                 one.check(weights)
-        self.settings = settle(config, self.adapter, recommendation)
-        self.editor, scores = choose(config, self.settings, self.adapter)
         self.bounds = action_range(self.loaded.preprocess)
         self.constants = Constants(self.loaded.preprocess)
         self.rename_map = config.adapter_rename_map
         self.inputs = set(adapter_config.input_features)
         self.chunk_size = adapter_config.chunk_size
         self.history = getattr(self.adapter, "history", 0)
-        self.gated = self.settings.gate
-        self.scored = bool(scores) and (self.gated or config.log is not None)
-        by_editor = getattr(self.editor, "needs_threshold", False)
-        needed = self.gated or by_editor or len(scores) > 1
-        if needed and calibration is None:
-            editor = name_of(specification(self.editor, self.adapter.editors))
-            what = "the gate" if self.gated else editor if by_editor else f"--policy.score={config.score}"
+        self.settle(config)
+
+    def settle(self, config: GlovesConfig) -> None:
+        """Take method, gate, score and alpha from a wrapper's settings; the adapter stays loaded.
+
+        Raises:
+            ValueError: As at loading; what was settled before then stays.
+        """
+        settings = settle(config, self.adapter, self._recommendation)
+        editor, scores = choose(config, settings, self.adapter)
+        by_editor = getattr(editor, "needs_threshold", False)
+        needed = settings.gate or by_editor or len(scores) > 1
+        if needed and self.calibration is None:
+            name = name_of(specification(editor, self.adapter.editors))
+            what = "the gate" if settings.gate else name if by_editor else f"--policy.score={config.score}"
             raise ValueError(
-                f"{what} needs a calibration, and {adapter} has none: run gloves calibrate --policy.path={adapter} "
-                + (f"--policy.pretrained_revision={config.adapter_revision} " if config.adapter_revision else "")
+                f"{what} needs a calibration, and {self._name} has none: "
+                f"run gloves calibrate --policy.path={self._name} "
+                + (f"--policy.pretrained_revision={self._revision} " if self._revision else "")
                 + "--dataset.repo_id=<held-out expert episodes>"
             )
-        guidance = getattr(adapter_config, "guidance", 1.0)
-        if needed and calibration is not None and guidance != calibration.guidance:
+        if needed and self.calibration is not None and self._guidance != self.calibration.guidance:
             raise ValueError(
-                f"the adapter's guidance is {guidance:g}, but it was calibrated with {calibration.guidance:g}: "
-                f"run gloves calibrate --policy.guidance={guidance:g}"
+                f"the adapter's guidance is {self._guidance:g}, but it was calibrated with "
+                f"{self.calibration.guidance:g}: run gloves calibrate --policy.guidance={self._guidance:g}"
             )
-        self.gate = Gate(self.settings, self.adapter, scores, calibration, needed)
+        self.gate = Gate(settings, self.adapter, scores, self.calibration, needed)
+        self.settings, self.editor, self.gated = settings, editor, settings.gate
+        self.scored = bool(scores) and (self.gated or config.log is not None)
 
     def reset(self) -> None:
         """A new episode begins."""
@@ -256,36 +264,3 @@ def choose(config: GlovesConfig, settings: Settings, adapter: Adapter) -> tuple[
             f"{config.adapter} scores no proposals, so it has no gate: leave out --policy.gate and --policy.score"
         )
     return editor, () if settings.score is None else parse_all(settings.score, adapter.scores, "score")
-
-
-def check_fits(agent: GlovesConfig, adapter: PreTrainedConfig) -> None:
-    """Refuse an adapter whose actions, observations or rate are not the agent's; it may be given more vectors.
-
-    Actions are compared by size and, where both say what their entries are, by name: of seven numbers, joints and an
-    end effector's pose are equally many.
-
-    Raises:
-        ValueError: Naming what differs.
-    """
-    given = {agent.adapter_rename_map.get(key, key): one for key, one in agent.input_features.items()}
-    advice = "rename by --policy.adapter_rename_map, or take an adapter for these"
-    needed = {key: one for key, one in adapter.input_features.items() if key in given or key in adapter.image_features}
-    check_features("the adapter", needed, "the agent", given, advice=advice)
-    if agent.output_features:  # else only its actions will tell
-        check_features("the adapter", adapter.output_features or {}, "the agent", agent.output_features)
-    rate, action = getattr(adapter, "fps", None), agent.output_features.get(ACTION)
-    check_rate(rate, "the agent", getattr(agent.agent_config, "fps", None), SAME_RATE)
-    check_rate(rate, "the environment", getattr(action, "fps", None), SAME_RATE)  # if it is a task of ours
-    ours, theirs = (_action_names(one) for one in (agent.agent_config, adapter))
-    if ours and theirs and ours != theirs:
-        raise ValueError(
-            f"the adapter's actions are {', '.join(theirs)}, but the agent's are {', '.join(ours)}: take an adapter of "
-            """these, or, if they mean the same, --policy.adapter_overrides='["--action_feature_names=null"]'"""
-        )
-
-
-def _action_names(config: PreTrainedConfig) -> list[str] | None:
-    """What the entries of a policy's actions are, if it knows."""
-    names = list(getattr(config, "action_feature_names", None) or [])
-    feature = config.action_feature
-    return names if feature is not None and len(names) == feature.shape[0] else None

@@ -24,6 +24,7 @@ from .activity import start_line
 from .configuration_gloves import PASSTHROUGH, GlovesConfig
 from .correction import Correction, Corrector
 from .decoding import Decoder
+from .finite import check_finite
 from .journal import Journal
 from .plan import Plan
 from .proposals import ChunkTap, NonFiniteProposalError, Proposal
@@ -122,6 +123,19 @@ class GlovesPolicy(PreTrainedPolicy):
         if self._corrector is not None and not self._clipped:
             self._corrector.bounds = (low, high)
 
+    def adjust(self, **options: Any) -> None:
+        """Change method, gate, score or alpha from the next proposal on; agent, adapter and episode go on.
+
+        Raises:
+            ValueError: As at loading, for options by the wrapper's names such as `gate=True`; then nothing has changed.
+        """
+        config = copy.copy(self.config)
+        for name, value in options.items():
+            setattr(config, name, value)
+        if self._corrector is not None:
+            self._corrector.settle(config)
+        self.config = config
+
     def statistics(self) -> dict[str, float]:
         """Totals so far: chunks, intervention rate, distance, milliseconds and network evaluations a chunk."""
         return self._journal.summary()
@@ -196,17 +210,9 @@ class GlovesPolicy(PreTrainedPolicy):
         if self.perturbation is not None:
             healthy, raw = raw, self.perturbation(raw, self._step - self._plan.step)
             perturbed = (raw != healthy).flatten(1).any(dim=1)
-        self._check_finite(raw, "the agent proposed")
+        check_finite(raw, "the agent proposed", self._step)
         self._action_queue.clear()
         self._plan = Plan(raw, proposal.executed, self._step, perturbed)
-
-    def _check_finite(self, chunk: Tensor, origin: str) -> None:
-        finite = chunk.isfinite().flatten(1).all(dim=1)
-        if not finite.all():
-            row = int((~finite).nonzero()[0])
-            raise NonFiniteProposalError(
-                f"{origin} a non-finite action in environment {row} at step {self._step}: {chunk[row].tolist()}"
-            )
 
     def _see(self, observation: dict[str, Any], batch_size: int) -> None:
         """What the environments show, at every step, unless the caller says which of them run."""
@@ -235,7 +241,7 @@ class GlovesPolicy(PreTrainedPolicy):
                 correction = self._corrector(some, window[rows], generators, past).spread(window, rows)
         correction.action[correction.edited] = self._decode.snap(correction.action[correction.edited])
         self.correction = correction
-        self._check_finite(correction.action, "the editor returned")
+        check_finite(correction.action, "the editor returned", self._step)
         self._journal.note(correction, self._episodes.first, self._step, self.running, self._plan.perturbed)
         return correction.action
 

@@ -1,0 +1,152 @@
+"""`gloves drive`: a person at the controls, in the browser."""
+
+import secrets
+import socket
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from lerobot.configs import parser
+from lerobot.envs import EnvConfig
+
+from lerobot_gloves.commands.errors import one_line_errors
+from lerobot_gloves.commands.start import start
+from lerobot_gloves.demo import COPILOT, PACKAGED
+from lerobot_gloves.drive.assistance import load_assistance
+from lerobot_gloves.drive.board import Board
+from lerobot_gloves.drive.desk import Desk
+from lerobot_gloves.drive.loop import run
+from lerobot_gloves.drive.session import Session
+from lerobot_gloves.drive.view import view_of
+from lerobot_gloves.evaluation.environments import environments
+from lerobot_gloves.evaluation.seeds import ALL
+from lerobot_gloves.system.errors import one_line
+
+SHIPPED = {"gloves_slalom": PACKAGED / COPILOT}
+"""The adapter that ships with the package, by `--env.type`."""
+
+
+@dataclass
+class AssistanceConfig:
+    """What corrects the person: options of the wrapper, which mean the same as in every other command."""
+
+    # Folder or Hub id of the adapter. By default the copilot that ships with the package, where one does.
+    adapter: str | None = None
+    # The adapter's Hub revision.
+    adapter_revision: str | None = None
+    # Options for the adapter's configuration, such as '["--guidance=2"]'.
+    adapter_overrides: list[str] = field(default_factory=list)
+    # Observation keys of the environment to those that the adapter was trained on.
+    adapter_rename_map: dict[str, str] = field(default_factory=dict)
+    # The editor and its options, NAME[:KEY=VALUE,...]; by default what gloves tune recommends, else the adapter's own.
+    method: str | None = None
+    # The nonconformity score of the gate and its options; by default the adapter's own.
+    score: str | None = None
+    # The gate's significance level to begin with; the page changes it.
+    alpha: float | None = None
+    # File that receives one JSON line a step of what was done to the commands.
+    log: Path | None = None
+    # Where the adapter computes, such as cpu or cuda; by default the best that there is.
+    device: str | None = None
+
+
+@dataclass
+class DriveConfig:
+    """Drive a task's robot yourself, in the browser, and see what an adapter makes of your commands.
+
+    gloves drive --env.type=gloves_slalom
+    """
+
+    # The task.
+    env: EnvConfig
+    # What corrects you.
+    policy: AssistanceConfig = field(default_factory=AssistanceConfig)
+    # Address to listen at. Any other than this computer's own lets whoever reaches it and has the printed address
+    # watch, and drive while nobody does; 0.0.0.0 is every address that this computer has.
+    host: str = "127.0.0.1"
+    # Port to listen at; 0 takes a free one.
+    port: int = 8765
+    # Height and width of the camera's picture, in pixels; where the adapter sees pictures, --env.image_size says it.
+    view: int = 480
+    # Seed of the first episode; that of a benchmark is its episode again.
+    seed: int = ALL
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.port <= 65535:
+            raise ValueError(f"port is {self.port}, but must lie between 0 and 65535")
+        if not 64 <= self.view <= 2048:
+            raise ValueError(f"view is {self.view}, but must lie between 64 and 2048")
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}, but must not be negative")
+        view_of(self.env)
+        if self.policy.adapter is None and self.env.type in SHIPPED:
+            self.policy.adapter = str(SHIPPED[self.env.type])
+        if getattr(self.env, "obs_type", None) == "state":
+            self.env.image_size = self.view  # type: ignore[attr-defined]
+
+
+@parser.wrap()
+def drive(config: DriveConfig) -> None:
+    """Serve until interrupted.
+
+    Raises:
+        ImportError: If Starlette or uvicorn is not installed.
+        ConnectionError: If it cannot listen at that address.
+    """
+    try:
+        from lerobot_gloves.drive.server import Site, is_loopback, serving
+    except ImportError as error:
+        raise ImportError(f"{one_line(error)}: pip install 'lerobot_policy_gloves[drive]'") from error
+    torch.set_num_threads(1)  # a step's networks are small: more threads would only wait for one another
+    view = view_of(config.env)
+    options: dict[str, Any] = asdict(config.policy)
+    device = options.pop("device")
+    token = None if is_loopback(config.host) else secrets.token_urlsafe(16)
+    with listening(config.host, config.port) as listener, environments(config.env, 1) as env:
+        assistance = load_assistance(config.env, options, view.faults, device)
+        session, board = Session(env, view, assistance, config.seed), Board()
+        scene = {
+            **view.scene,
+            "rate": config.env.fps,
+            "faults": ["none", *view.faults],
+            "adapter": assistance.adapter,
+            "ungated": assistance.ungated,
+        }
+        with serving(Site(Desk(session), board, scene, token), listener):
+            print(f"gloves drive: open {address(config.host, listener.getsockname()[1], token)}", flush=True)
+            if token is not None:
+                print(
+                    f"gloves drive: {config.host} is open to the network, unencrypted: "
+                    "whoever has this address can watch, and drive while nobody else does",
+                    flush=True,
+                )
+            run(session, config.env.fps, board.publish, over=lambda: False)
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        ConnectionError: If it cannot.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host.strip("[]"), port), family=family)
+    except OSError as error:
+        raise ConnectionError(f"cannot listen at {host}:{port}: {one_line(error)}") from error
+
+
+def address(host: str, port: int, token: str | None) -> str:
+    """What to open in a browser."""
+    if host in ("0.0.0.0", "::"):
+        host = socket.gethostname()
+    named = f"[{host}]" if ":" in host and not host.startswith("[") else host
+    return f"http://{named}:{port}/" + ("" if token is None else f"?token={token}")
+
+
+def main() -> None:
+    """Entry point."""
+    start()
+    with one_line_errors("gloves drive"):
+        drive()

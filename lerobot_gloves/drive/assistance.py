@@ -1,0 +1,190 @@
+"""The wrapper around a person: what becomes of a command under the assistance, and the fault, of the moment."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from lerobot.envs import EnvConfig, preprocess_observation
+from lerobot.envs.utils import env_to_policy_features
+from lerobot.policies import make_policy_config, make_pre_post_processors
+from lerobot.utils.constants import ACTION
+from torch import Tensor
+
+from lerobot_gloves.checkpoints.configuration import checkpoint_config
+from lerobot_gloves.drive.protocol import Assist, Settings
+from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent, quiet, task_strings
+from lerobot_gloves.perturbations import Perturbation, parse_perturbation
+from lerobot_gloves.tasks.configuration import OBS_COMMAND
+
+UNLIMITED = 2.0
+"""A limit that turns any action into any other: that of a robot whose actions are as large to either side."""
+
+
+@dataclass(frozen=True)
+class Acted:
+    """What became of a command.
+
+    Attributes:
+        action: What is to be executed, raw, (A,), float32.
+        edited: Whether the proposal was edited.
+        p_value: Its conformal p-value, None without a calibrated score.
+    """
+
+    action: np.ndarray
+    edited: bool = False
+    p_value: float | None = None
+
+
+class Fault(Perturbation):
+    """Stands where the wrapper has its perturbation, so that it may be another one from one step to the next.
+
+    Attributes:
+        name: What it is called, `none` for none.
+        proposal: What it made of the last chunk, raw, (B, T, A).
+    """
+
+    def __init__(self) -> None:
+        self.name = "none"
+        self._fault: Perturbation | None = None
+        self._begun: tuple[int, int, int] | None = None
+        self.proposal: Tensor | None = None
+
+    def choose(self, name: str, fault: Perturbation | None) -> None:
+        """From now on this one; what it does begins anew."""
+        self.name, self._fault = name, fault
+        if fault is not None and self._begun is not None:
+            fault.reset(*self._begun)
+
+    def reset(self, batch_size: int, seed: int, first_episode: int = 0) -> None:
+        self._begun = (batch_size, seed, first_episode)
+        if self._fault is not None:
+            self._fault.reset(*self._begun)
+
+    def __call__(self, chunk: Tensor, ran: int | None = None) -> Tensor:
+        self.proposal = chunk if self._fault is None else self._fault(chunk, ran)
+        return self.proposal.clone()
+
+
+class Assistance:
+    """A person, wrapped.
+
+    Attributes:
+        adapter: Folder or Hub id of what corrects; None if nothing does.
+        ungated: Why there is no gate; "" if there is one.
+        settings: Those of the moment.
+
+    Args:
+        agent: The wrapper around `gloves_person`.
+        options: The wrapper's options for its adapter.
+        faults: Specifications of perturbations, by the names under which they are chosen.
+    """
+
+    def __init__(self, agent: WrappedAgent, options: Mapping[str, Any], faults: Mapping[str, str]):
+        self._agent, self._options, self._faults = agent, dict(options), dict(faults)
+        self._policy: Any = agent.policy
+        self._fault = self._policy.perturbation = Fault()
+        self.adapter: str | None = options.get("adapter")
+        self.ungated = "there is no adapter" if self.adapter is None else ""
+        if self.adapter is not None:
+            try:
+                self._policy.adjust(gate=True)
+            except ValueError as error:
+                self.ungated = str(error)
+        assistance: Assist = "off" if self.adapter is None else "always" if self.ungated else "gate"
+        self.choose(Settings(assistance, options.get("alpha") or 0.05, UNLIMITED, "none"))
+
+    def choose(self, settings: Settings) -> None:
+        """Help in another way from the next command on.
+
+        Without assistance the gate still says what it thinks of a command, if it can.
+
+        Raises:
+            ValueError: If there is no such fault, no gate, no adapter, or the gate can have no such alpha; then nothing
+                has changed.
+        """
+        how = settings.assistance
+        if settings.fault != "none" and settings.fault not in self._faults:
+            raise ValueError(f"there is no fault {settings.fault!r}: choose from none, {', '.join(self._faults)}")
+        if self.adapter is None and how != "off":
+            raise ValueError("there is no adapter, so nothing can assist: name one by --policy.adapter")
+        if how == "gate" and self.ungated:
+            raise ValueError(self.ungated)
+        if self.adapter is not None:
+            gate = how != "always" and not self.ungated
+            method = "none" if how == "off" else self._options.get("method")
+            self._policy.adjust(method=method, gate=gate, alpha=settings.alpha)
+        if settings.fault != self._fault.name:
+            self._fault.choose(settings.fault, parse_perturbation(self._faults.get(settings.fault, "none")))
+        self.settings = settings
+
+    def reset(self) -> None:
+        """A new episode begins."""
+        self._policy.reset()
+
+    def act(self, env: gym.vector.SyncVectorEnv, observation: dict[str, Any], command: np.ndarray) -> Acted:
+        """What is executed of a command.
+
+        Args:
+            env: One environment.
+            observation: What it shows.
+            command: The action (A,) that the person asks for, raw, float32.
+
+        Raises:
+            ValueError: If the observation is not one that the adapter can read, or the editor returns NaN.
+        """
+        seen = {**preprocess_observation(observation), "task": task_strings(env)}
+        batch = self._agent.prepare({**seen, OBS_COMMAND: torch.from_numpy(command)[None]})
+        self._policy.running = torch.ones(1, dtype=torch.bool)
+        with torch.inference_mode(), self._agent.autocast:
+            action = self._agent.finish(self._policy.select_action(batch))[0].cpu()
+        correction, proposal = self._policy.correction, self._fault.proposal
+        if correction is None or not bool(correction.edited[0]):
+            known = correction is not None and correction.p_value is not None
+            return Acted(action.numpy(), p_value=float(correction.p_value[0]) if known else None)
+        assert proposal is not None
+        if self.settings.limit < UNLIMITED:
+            largest = self.settings.limit * torch.from_numpy(env.single_action_space.high)  # type: ignore[attr-defined]
+            proposed = proposal[0, 0].cpu()
+            action = proposed + (action - proposed).clamp(-largest, largest)
+        p_value = None if correction.p_value is None else float(correction.p_value[0])
+        return Acted(action.numpy(), edited=True, p_value=p_value)
+
+
+def load_assistance(
+    env: EnvConfig, options: Mapping[str, Any], faults: Mapping[str, str], device: str | None = None
+) -> Assistance:
+    """A person in a task, with what corrects them.
+
+    Args:
+        env: The task.
+        options: The wrapper's options for its adapter; without `adapter` nothing corrects.
+        faults: Specifications of perturbations by their names.
+        device: Where the adapter computes; None for LeRobot's choice.
+
+    Raises:
+        ValueError: If the adapter does not fit the task, or lacks what the options ask for.
+    """
+    length = 1
+    if adapter := options.get("adapter"):
+        overrides, revision = options.get("adapter_overrides") or (), options.get("adapter_revision")
+        length = checkpoint_config("policy.adapter", adapter, overrides, revision).chunk_size
+    features = env_to_policy_features(env)
+    with quiet():  # LeRobot warns where there is no GPU
+        person = make_policy_config(
+            "gloves_person",
+            chunk_size=length,
+            input_features={key: one for key, one in features.items() if key != ACTION},
+            output_features={ACTION: features[ACTION]},
+            **({} if device is None else {"device": device}),
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        checkpoint = Path(folder) / "person"  # the name by which the wrapper's start line calls its agent
+        person.save_pretrained(checkpoint)
+        for pipeline in make_pre_post_processors(person):
+            pipeline.save_pretrained(checkpoint)
+        return Assistance(load_agent(env, str(checkpoint), "none", 0, **options), options, faults)

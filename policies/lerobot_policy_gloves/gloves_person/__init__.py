@@ -1,0 +1,1 @@
+"""The policy type `gloves_person`: a person's command, held."""

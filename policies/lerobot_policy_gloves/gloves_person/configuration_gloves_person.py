@@ -1,0 +1,47 @@
+"""Settings of a person at the controls."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from lerobot.configs import PreTrainedConfig
+
+
+@PreTrainedConfig.register_subclass("gloves_person")
+@dataclass
+class GlovesPersonConfig(PreTrainedConfig):
+    """A person, who commands one action at a time, as a policy that a wrapper corrects."""
+
+    # How many actions long a proposal is: the command, held.
+    chunk_size: int = 10
+    push_to_hub: bool = False  # There is nothing to push.
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.chunk_size < 1:
+            raise ValueError(f"chunk_size is {self.chunk_size}, but must be at least 1")
+
+    @property
+    def n_action_steps(self) -> int:
+        """One: the next action is the next command's."""
+        return 1
+
+    def validate_features(self) -> None:
+        pass
+
+    def get_optimizer_preset(self) -> Any:
+        raise ValueError("a person is not trained: train an adapter, such as --policy.type=gloves_copilot")
+
+    def get_scheduler_preset(self) -> None:
+        return None
+
+    @property
+    def observation_delta_indices(self) -> None:
+        return None
+
+    @property
+    def action_delta_indices(self) -> None:
+        return None
+
+    @property
+    def reward_delta_indices(self) -> None:
+        return None

@@ -1,0 +1,42 @@
+"""`gloves drive` as it is typed."""
+
+import sys
+
+import pytest
+
+from lerobot_gloves.commands import main
+from lerobot_gloves.commands.drive import SHIPPED
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--env.type=gloves_keypad"], "--env.type=gloves_keypad cannot be driven: choose from gloves_slalom"),
+        (["--env.type=gloves_slalom", "--port=70000"], "port is 70000, but must lie between 0 and 65535"),
+        (["--env.type=gloves_slalom", "--view=1"], "view is 1, but must lie between 64 and 2048"),
+        (["--env.type=gloves_slalom", "--seed=-1"], "seed is -1, but must not be negative"),
+        (["--env.type=gloves_slalom", "--host=192.0.2.1"], "cannot listen at 192.0.2.1:8765: "),
+        (
+            ["--env.type=gloves_slalom", "--port=0", "--policy.adapter=nowhere"],
+            "--policy.adapter=nowhere is no checkpoint",
+        ),
+        (["--env.type=gloves_slalom", "--port=0", "--policy.method=fly"], "unknown method 'fly'"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(monkeypatch, options, told):
+    monkeypatch.setattr("sys.argv", ["gloves", "drive", *options])
+    with pytest.raises(SystemExit) as error:
+        main()
+    assert str(error.value).startswith("gloves drive: ") and told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_without_the_extra_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "lerobot_gloves.drive.server", None)
+    monkeypatch.setattr("sys.argv", ["gloves", "drive", "--env.type=gloves_slalom"])
+    with pytest.raises(SystemExit, match=r"pip install 'lerobot_policy_gloves\[drive\]'$"):
+        main()
+
+
+def test_the_adapter_that_ships_is_there():
+    assert all((folder / "calibration.safetensors").is_file() for folder in SHIPPED.values())
