@@ -83,7 +83,7 @@ class DriveConfig:
         if self.policy.adapter is None and self.env.type in SHIPPED:
             self.policy.adapter = str(SHIPPED[self.env.type])
         if getattr(self.env, "obs_type", None) == "state":
-            self.env.image_size = self.view  # type: ignore[attr-defined]
+            self.env.image_size = self.view
 
 
 @parser.wrap()

@@ -108,7 +108,7 @@ def test_plugins_are_allowed_and_lerobots_list_stays_its_own():
 
 
 def test_a_client_that_names_no_wrapper_is_told(tmp_path):
-    with pytest.raises(ValueError, match=r"is a policy of type 'act', no wrapper that was saved$"):
+    with pytest.raises(ValueError, match=r"is a policy of type 'act', no saved wrapper$"):
         GlovesPolicy.from_pretrained(save_policy(tmp_path / "agent", "act"))
 
 

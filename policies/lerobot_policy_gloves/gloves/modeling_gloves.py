@@ -27,7 +27,7 @@ from .decoding import Decoder
 from .finite import check_finite
 from .journal import Journal
 from .plan import Plan
-from .proposals import ChunkTap, NonFiniteProposalError, Proposal
+from .proposals import ChunkTap, Proposal
 from .realtime import LeftOver
 
 logger = logging.getLogger(__name__)
@@ -95,9 +95,7 @@ class GlovesPolicy(PreTrainedPolicy):
         """A saved wrapper is its configuration; agent and adapter are loaded from where it says."""
         config = config or PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=revision)
         if not isinstance(config, GlovesConfig):  # a server loads what its client names
-            raise ValueError(
-                f"{pretrained_name_or_path} is a policy of type {config.type!r}, no wrapper that was saved"
-            )
+            raise ValueError(f"{pretrained_name_or_path} is a policy of type {config.type!r}, no saved wrapper")
         return cls(config).eval()
 
     def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
@@ -129,12 +127,11 @@ class GlovesPolicy(PreTrainedPolicy):
         Raises:
             ValueError: As at loading, for options by the wrapper's names such as `gate=True`; then nothing has changed.
         """
-        config = copy.copy(self.config)
-        for name, value in options.items():
-            setattr(config, name, value)
+        config: Any = self.config
         if self._corrector is not None:
-            self._corrector.settle(config)
-        self.config = config
+            vars(tried := copy.copy(config)).update(options)
+            self._corrector.settle(tried)
+        vars(config).update(options)
 
     def statistics(self) -> dict[str, float]:
         """Totals so far: chunks, intervention rate, distance, milliseconds and network evaluations a chunk."""

@@ -22,10 +22,6 @@ STEPS_FIRST = {"tdmpc"}
 READ_WHERE_THEY_PLAN = {"act", "diffusion", "multi_task_dit", "smolvla", "gloves_expert_flow", "gloves_flow_policy"}
 
 
-class NonFiniteProposalError(ValueError):
-    """The agent proposed NaN or infinity, which is never executed."""
-
-
 @dataclass(frozen=True)
 class Proposal:
     """What an agent proposes.
