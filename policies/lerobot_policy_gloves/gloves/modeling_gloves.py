@@ -63,8 +63,7 @@ class GlovesPolicy(PreTrainedPolicy):
                 "gloves wraps an agent: name it by --policy.path=AGENT --policy.wrap=gloves, or by --policy.agent=AGENT"
             )
         if config.adapter is None:
-            told = "gloves: no adapter (--policy.adapter, a trained checkpoint), so nothing is corrected: %s acts alone"
-            logger.warning(told, config.agent)
+            logger.warning("gloves: no adapter (--policy.adapter), so nothing corrects: %s acts alone", config.agent)
         # Neither agent nor adapter is a submodule: their weights are not the wrapper's to save.
         self._agent = load_policy(config.agent_config, config.device)
         self._tap = ChunkTap(self._agent.policy)
