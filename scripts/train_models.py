@@ -48,10 +48,10 @@ def _with_cameras(task: str) -> dict[str, dict[str, Any]]:
     eyes = {"policy.backbone_dtype": "bfloat16", "policy.pretrained_backbone_weights": "null"}
     seen = f"outputs/{task}/expert_flow/checkpoints/last/pretrained_model"
     borrowed = {**eyes, "policy.pretrained_backbone_weights": seen, "policy.optimizer_lr_backbone": 0.0}
-    first = {**eyes, "policy.samples_per_item": 8, "policy.optimizer_lr": 5e-4, "save_freq": 2000}
+    first = {**eyes, "policy.samples_per_item": 8, "policy.optimizer_lr": 5e-4, "save_freq": 2000, "steps": 8000}
     return {
-        "agent": first | {"steps": 12000},
-        "expert_flow": first | {"steps": 8000},
+        "agent": first,
+        "expert_flow": first,
         "copilot": borrowed,
         "csa_teacher": borrowed,
         "csa_student": {**eyes, "policy.optimizer_lr_backbone": 0.0},

@@ -40,7 +40,8 @@ class CsaAssistPolicy(FlowPolicy):
     scores: Mapping[str, type] = {}
 
     def __init__(self, config: CsaAssistConfig, **kwargs: object):
-        if config.stage == "student" and config.teacher and not config.pretrained_path:
+        config.validate_features()  # before its teacher is looked for
+        if config.stage == "student" and not config.pretrained_path:
             config.backbone_norm = config.backbone_norm or teacher_of(config).backbone_norm
         super().__init__(config, **kwargs)
         if config.stage == "student" and not config.pretrained_path:

@@ -134,7 +134,22 @@ def test_the_page_lists_the_options_by_which_the_benchmarks_models_are_trained()
         for task, kind in product(TASKS, TYPES)
     }
     assert {key: sorted(value) for key, value in options.items()} == {k: sorted(v) for k, v in trained.items()}
-    assert OPTIONS.keys() <= TASKS.keys()
+    assert {task.removesuffix("_pixels") for task in OPTIONS} <= TASKS.keys()
+
+
+@pytest.mark.parametrize("task", [task for task in OPTIONS if task.endswith("_pixels")])
+def test_the_page_lists_those_of_models_with_cameras_too(task):
+    page = (
+        (ROOT / "docs" / "reproduce.md").read_text().partition("## With cameras on two cores")[2].partition("\n## ")[0]
+    )
+    rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| `(.+)` \|$", page, re.M)
+    listed = {kind: set(options.split(" --")) for kinds, options in rows for kind in re.findall(r"\w+", kinds)}
+    seen = f"outputs/{task}/expert_flow/checkpoints/last/pretrained_model"
+    trained = {
+        kind: {f"{name}={value}".replace(seen, "<the expert flow's checkpoint>") for name, value in options.items()}
+        for kind, options in OPTIONS[task].items()
+    }
+    assert {kind: {one.removeprefix("--") for one in options} for kind, options in listed.items()} == trained
 
 
 @pytest.mark.parametrize("page", [*TASKS, "adapters"])

@@ -157,7 +157,7 @@ def test_a_policy_trained_on_reduced_images_can_reduce_them_itself(tmp_path):
     image = {"observation.image": PolicyFeature(FeatureType.VISUAL, (3, 96, 96))}
     agent = save_policy(tmp_path / "agent", "act", input_features=STATE | image)
     page = (Path(__file__).parents[2] / "docs" / "metaworld.md").read_text()
-    code = next(block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "ImageCropResize" in block)
+    code = next(block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "resize_images" in block)
     exec(code.replace("<checkpoint>", str(agent)), {})
     before, _ = load_processors(checkpoint_config("agent", str(agent)), str(agent), "cpu", None)
     seen = before({"observation.image": torch.rand(1, 3, 480, 480), "observation.state": torch.zeros(1, 2)})
