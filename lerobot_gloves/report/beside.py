@@ -123,9 +123,14 @@ class AllBeside:
         if others:
             beside = [name for name in COLUMNS[1:] if all((NONE, name) in task.played.results for task in others)]
             names = ", ".join(task.played.name for task in others)
+            more = {
+                task.played.name: [name for name in COLUMNS[1:] if (NONE, name) in task.played.results]
+                for task in others
+            }
+            also = [f"{name}'s {column}" for name, found in more.items() for column in found if column not in beside]
             caption += (
                 f" On {names} those of the table above are of another training of the agent by the same command"
-                + (f", but {' and '.join(beside)} of the copilot's." if beside else ".")
+                + (f", but {' and '.join([*beside, *also])} of the copilot's." if beside or also else ".")
             )
         return Table(caption, ["task, perturbation", COLUMNS[0], OURS, "copilot minus raw", "best other column"], lines)
 
