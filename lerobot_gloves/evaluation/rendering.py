@@ -1,10 +1,12 @@
-"""Pictures of Gymnasium's MuJoCo environments: right where several are drawn in one process, and cheap in software."""
+"""Pictures of MuJoCo's environments: right where several are drawn in one process, cheap, and none that nobody sees."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+
+from lerobot_gloves.tasks.environment import TaskEnvironment
 
 FAST_SHADOWS = 1024
 """Width of the shadow map of fast rendering, in texels; MuJoCo's is 4096, which software fills for every frame."""
@@ -59,13 +61,13 @@ def attend(envs: Sequence[gym.vector.SyncVectorEnv], *, fast: bool) -> list[Pict
 def draw_only(env: gym.vector.SyncVectorEnv, rows: np.ndarray) -> None:
     """Say in which of B environments somebody will look at the next observation, bool (B,).
 
-    The others, as far as they are drawn by `Pictures`, show what they have shown.
+    The others show what they have shown, as far as they are drawn by `Pictures` or tasks of ours.
     """
     for one, wanted in zip(env.envs, rows, strict=True):
-        renderer = getattr(_innermost(one), "mujoco_renderer", None)
-        pictures = getattr(renderer, "render", None)
-        if isinstance(pictures, Pictures):
-            pictures.wanted = bool(wanted)
+        inner = _innermost(one)
+        drawn_by = getattr(getattr(inner, "mujoco_renderer", None), "render", inner)
+        if isinstance(drawn_by, Pictures | TaskEnvironment):
+            drawn_by.wanted = bool(wanted)
 
 
 def _innermost(env: gym.Env) -> Any:

@@ -33,6 +33,7 @@ class TaskEnvironment(gym.Env, ABC):
         action_bound: What the entries of an action are clipped to, to either side.
         action_form: What an action is, for those who give something else.
         viewpoint: The camera that sees it all.
+        wanted: Whether somebody looks at the next frames of `pixels`; if not, the last ones are shown again.
 
     Args:
         state: Length of `agent_pos`.
@@ -88,6 +89,8 @@ class TaskEnvironment(gym.Env, ABC):
             spaces["pixels"] = gym.spaces.Dict(dict.fromkeys(self._cameras, frame))
         self.observation_space = gym.spaces.Dict(spaces)
         self._steps = 0
+        self.wanted = True
+        self._frames: dict[str, np.ndarray] = {}
 
     @property
     @abstractmethod
@@ -157,7 +160,9 @@ class TaskEnvironment(gym.Env, ABC):
         if self._sees_scene:
             observation["environment_state"] = self._environment_state().astype(np.float32)
         if self._cameras:
-            observation["pixels"] = {camera: self._draw(camera) for camera in self._cameras}
+            if self.wanted or not self._frames:
+                self._frames = {camera: self._draw(camera) for camera in self._cameras}
+            observation["pixels"] = dict(self._frames)
         return observation
 
     @abstractmethod

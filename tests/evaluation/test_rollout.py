@@ -1,5 +1,6 @@
 """The loop plays LeRobot's episodes, and says how they failed and what was edited in them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,6 +22,7 @@ from lerobot_gloves.evaluation.histogram import edge
 from lerobot_gloves.evaluation.rollout import count_chunks, rollout
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from lerobot_gloves.tasks.slalom.environment import Slalom
+from tests.builders import SIZE, save_policy
 from tests.straight import RIGHTMOST_SEED
 
 
@@ -191,3 +193,23 @@ def test_a_watcher_sees_every_step_before_it_is_taken(agent: str) -> None:
     first, _ = Slalom().reset(seed=10000)
     assert np.array_equal(seen[0][0], first["agent_pos"])
     assert not np.array_equal(seen[0], seen[1])
+
+
+def test_our_tasks_draw_only_what_is_looked_at(tmp_path, monkeypatch) -> None:
+    """The agent plans every 4 steps; what it is shown in between it does not read."""
+    pixels = "pixels_agent_pos"
+    agent = str(save_policy(tmp_path / "agent", "gloves_flow_policy", pixels))
+    adapter = str(save_policy(tmp_path / "adapter", "gloves_expert_flow", pixels))
+    env = SlalomEnv(obs_type=pixels, image_size=SIZE, episode_length=12)
+    setup = Setup(env=env, agent=agent, adapter=adapter, episodes=2, batch_size=2)
+    cell, drawn, draw = Cell("none", "feeg:start=0.5", seed=0), [], Slalom._draw
+    monkeypatch.setattr(Slalom, "_draw", lambda env, camera: drawn.append(camera) or draw(env, camera))
+    episodes = run(setup, cell)
+    assert {episode.chunks for episode in episodes} == {3}
+    # Before each chunk, and behind the last step, where another would begin.
+    assert len(drawn) == 2 * 4
+    monkeypatch.setattr("lerobot_gloves.evaluation.rollout.draw_only", lambda *_: None)
+    drawn.clear()
+    everything = run(setup, cell)
+    assert len(drawn) == 2 * 13
+    assert [replace(e, milliseconds=0.0) for e in everything] == [replace(e, milliseconds=0.0) for e in episodes]
