@@ -35,9 +35,10 @@ import lerobot_policy_gloves
 from lerobot.configs import PreTrainedConfig
 from lerobot.envs import EnvConfig
 
-for name in ("gloves", "gloves_expert_flow", "gloves_align_flow", "gloves_copilot", "gloves_flow_policy", "ddpm_assist", "csa_assist"):
+for name in ("gloves", "gloves_expert_flow", "gloves_align_flow", "gloves_copilot", "gloves_flow_policy", "gloves_person", "ddpm_assist", "csa_assist"):
     PreTrainedConfig.get_choice_class(name)
 EnvConfig.get_choice_class("gloves_slalom")
+assert files("lerobot_gloves").joinpath("drive/page/page.html").is_file()
 for name in ("lerobot_gloves", "gloves_flow", *(f"lerobot_policy_{one}" for one in ("gloves", "ddpm_assist", "csa_assist"))):
     assert files(importlib.import_module(name)).joinpath("py.typed").is_file(), name
 '

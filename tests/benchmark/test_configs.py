@@ -61,7 +61,7 @@ BENCHMARKS = [*TASKS, "charger_hidden", "slalom_pixels", "can_pixels"]
 FILES = [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")]
 
 
-@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml"])
+@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml", "../ablations/feeg_align.yaml"])
 def test_every_cell_is_valid(name: str) -> None:
     config = read(name)
     shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
@@ -101,6 +101,20 @@ def test_the_ablation_is_the_benchmark_with_the_receptacle_hidden() -> None:
     for label, method in hidden.methods.items():
         assert method.gate == shown.methods[label].gate
         assert method.editor.partition(":")[0] == shown.methods[label].editor.partition(":")[0]
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_ablation_of_feeg_is_the_benchmark_with_and_without_the_pull_back(name: str) -> None:
+    ablation, benchmark = read("../ablations/feeg_align.yaml").tasks[name], read(f"{name}.yaml").tasks[name]
+    assert ablation.agent == benchmark.agent
+    assert ablation.perturbations.items() <= benchmark.perturbations.items()
+    assert set(ablation.perturbations) == {"laggy", "noised", "slow", "shift"}
+    start = benchmark.methods["FEEG"].editor.partition(",")[0]
+    assert {label: method.editor for label, method in ablation.methods.items()} == {
+        "align 0": f"{start},align=0.0",
+        "align 1": f"{start},align=1.0",
+    }
+    assert {method.adapter for method in ablation.methods.values()} == {benchmark.methods["FEEG"].adapter}
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
