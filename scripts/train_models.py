@@ -6,6 +6,9 @@ is left out.
 Run again, it goes on where it stopped. Everything goes to outputs/, what each command prints to outputs/<task>/logs/.
 Each model's folder, outputs/<task>/<model>/checkpoints/last/pretrained_model, then holds what belongs on the Hub:
 weights, processors, calibration, card. `--push=USER` uploads them all as USER/gloves_<task>_<model>.
+
+`--seed=1` trains the correctors once more, with other random numbers on the same data, to outputs/<task>_seed1/: those
+of configs/ablations/training_seeds.yaml.
 """
 
 import argparse
@@ -29,6 +32,7 @@ PROPOSALS = {"charger": 100}
 """Episodes of the agent's proposals under each perturbation, where that is not what `gloves record` makes: with fewer
 of them more of what the align flow learns is the expert's, and there half a millimetre decides."""
 SCORES = ("reverse:steps=1", "reverse:steps=5")
+SEEDS = Path("configs/ablations/training_seeds.yaml")
 
 # A tenth of a second: what a policy errs by adds up until it looks again, and half a millimetre is too much.
 _SHORT = {"policy.chunk_size": 2, "policy.n_action_steps": 2}
@@ -85,13 +89,16 @@ class Models:
         task: Name of its file in configs/bench/.
         steps: Optimiser steps of each training; None for what the configurations and `OPTIONS` say.
         num_workers: Processes of a recording.
+        seed: Of the trainings. Those of 0 are the benchmark's, others its ablation's.
     """
 
-    def __init__(self, task: str, steps: int | None, num_workers: int) -> None:
-        self.task, self.steps, self.num_workers = task, steps, num_workers
-        self.root = Path("outputs") / task
+    def __init__(self, task: str, steps: int | None, num_workers: int, seed: int = 0) -> None:
+        self.task, self.steps, self.num_workers, self.seed = task, steps, num_workers, seed
+        self.root = Path("outputs") / (f"{task}_seed{seed}" if seed else task)
         benchmark = Path(f"configs/bench/{task}.yaml").read_text()
         (setting,) = yaml.safe_load(benchmark)["tasks"].values()
+        if seed:
+            benchmark = SEEDS.read_text()
         # Slalom's agent and expert flow ship with the package; a student has a teacher, which no benchmark names.
         self.needed = [m for m in MODELS if f"{self.root}/{m.replace('teacher', 'student')}/" in benchmark]
         self.options = OPTIONS.get(task, OPTIONS.get(setting["env"]["type"].removeprefix("gloves_"), {}))
@@ -126,7 +133,7 @@ class Models:
             self.dataset(data).options,
             self.root / model,
             self.steps or steps,
-            [*named, *options],
+            [*named, *([f"--seed={self.seed}"] if self.seed else []), *options],
         )
 
     def calibrate(self, model: str, data: str = "state") -> Calibrate:
@@ -177,7 +184,7 @@ class Models:
         for file in files:
             if not file.is_file():
                 raise FileNotFoundError(f"there is no {file}: make the models first, make models TASK={self.task}")
-        return [push(folder, f"{user}/gloves_{self.task}_{model}") for model, folder in folders.items()]
+        return [push(folder, f"{user}/gloves_{self.root.name}_{model}") for model, folder in folders.items()]
 
 
 def main() -> None:
@@ -190,10 +197,13 @@ def main() -> None:
     parser.add_argument("--models", nargs="+", choices=MODELS, default=list(MODELS), help="which; by default all")
     parser.add_argument("--steps", type=int, help="optimiser steps of each training, instead of the configurations'")
     parser.add_argument("--num_workers", type=int, default=2, help="processes of a recording")
+    parser.add_argument("--seed", type=int, default=0, help="of the trainings, instead of the benchmark's 0")
     parser.add_argument("--push", metavar="USER", help="upload what is made to the Hub, and make nothing")
     arguments = parser.parse_args()
     register_third_party_plugins()
-    models = Models(arguments.task, arguments.steps, arguments.num_workers)
+    models = Models(arguments.task, arguments.steps, arguments.num_workers, arguments.seed)
+    if not models.needed:
+        parser.error(f"{SEEDS} names no models of --task={arguments.task} and --seed={arguments.seed}")
     if arguments.push is None:
         models.make(arguments.models)
         return

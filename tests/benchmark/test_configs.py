@@ -61,7 +61,7 @@ BENCHMARKS = [*TASKS, "charger_hidden", "slalom_pixels", "can_pixels"]
 FILES = [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")]
 
 
-@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml", "../ablations/feeg_align.yaml"])
+@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml", "../ablations/feeg_align.yaml", "../ablations/training_seeds.yaml"])
 def test_every_cell_is_valid(name: str) -> None:
     config = read(name)
     shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}
@@ -101,6 +101,22 @@ def test_the_ablation_is_the_benchmark_with_the_receptacle_hidden() -> None:
     for label, method in hidden.methods.items():
         assert method.gate == shown.methods[label].gate
         assert method.editor.partition(":")[0] == shown.methods[label].editor.partition(":")[0]
+
+
+@pytest.mark.parametrize("name", ["slalom", "keypad"])
+def test_other_trainings_are_used_as_the_benchmarks_are(name: str) -> None:
+    config = read("../ablations/training_seeds.yaml").tasks[name]
+    benchmark = read(f"{name}.yaml").tasks[name]
+    assert (config.env, config.agent) == (benchmark.env, benchmark.agent)
+    assert config.perturbations.items() <= benchmark.perturbations.items()
+    assert len(config.perturbations) == 5
+    for method in ("copilot", "CSA", "FEEG+gate", "IFAE"):
+        own = benchmark.methods[method]
+        for seed in (1, 2):
+            other = config.methods[f"{method} {seed}"]
+            assert Path(other.adapter).parts[1] == f"{name}_seed{seed}"
+            assert replace(other, adapter=own.adapter) == own
+    assert len(config.methods) == 8
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -89,6 +89,23 @@ def test_slaloms_pair_ships(made):
     assert labels(made[1:4]) == ["copilot", "ddpm_assist", "csa_teacher"]
 
 
+def test_another_training_has_other_random_numbers_and_the_same_data_and_agent(made, monkeypatch):
+    models = Models("slalom", None, 1, seed=1)
+    models.make(list(train_models.MODELS))
+    trained = {command.label: set(command.words) for command in made if "lerobot-train" in command.words[0]}
+    assert list(trained) == ["expert_flow", "copilot", "csa_teacher", "csa_student", "align_flow"]
+    for model, words in trained.items():
+        data = "align" if model == "align_flow" else "state"
+        folder = f"--output_dir=outputs/slalom_seed1/{model}"
+        assert {"--seed=1", folder, f"--dataset.repo_id=gloves/slalom_{data}"} < words
+    assert "--policy.teacher=outputs/slalom_seed1/csa_teacher/checkpoints/last/pretrained_model" in trained["csa_student"]
+    for recorded in (c for c in made if c.label.startswith("recording agent")):
+        assert "--agent=lerobot_gloves/demo/agent" in recorded.words
+    monkeypatch.setattr(train_models, "push", lambda folder, name: f"{folder} {name}")
+    (pushed,) = models.push(["copilot"], "me")
+    assert pushed.split()[1] == "me/gloves_slalom_seed1_copilot"
+
+
 def test_an_ablation_is_trained_in_its_own_environment_by_its_tasks_configurations(made):
     models = Models("charger_hidden", None, 1)
     assert {"--env.type=gloves_charger", "--env.hide_receptacle=true"} < set(models.record("state").words)
