@@ -59,9 +59,10 @@ TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
 """Episodes of a seed in the paper."""
 BENCHMARKS = [*TASKS, "charger_hidden", "slalom_pixels", "can_pixels"]
 FILES = [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")]
+ABLATIONS = [f"../ablations/{name}.yaml" for name in ("feeg_align", "training_seeds")]
 
 
-@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml", "../ablations/feeg_align.yaml", "../ablations/training_seeds.yaml"])
+@pytest.mark.parametrize("name", [*FILES, "metaworld.yaml", *ABLATIONS])
 def test_every_cell_is_valid(name: str) -> None:
     config = read(name)
     shared = {"split": config.split, "episodes": config.episodes, "batch_size": config.batch_size}

@@ -98,7 +98,8 @@ def test_another_training_has_other_random_numbers_and_the_same_data_and_agent(m
         data = "align" if model == "align_flow" else "state"
         folder = f"--output_dir=outputs/slalom_seed1/{model}"
         assert {"--seed=1", folder, f"--dataset.repo_id=gloves/slalom_{data}"} < words
-    assert "--policy.teacher=outputs/slalom_seed1/csa_teacher/checkpoints/last/pretrained_model" in trained["csa_student"]
+    teacher = "outputs/slalom_seed1/csa_teacher/checkpoints/last/pretrained_model"
+    assert f"--policy.teacher={teacher}" in trained["csa_student"]
     for recorded in (c for c in made if c.label.startswith("recording agent")):
         assert "--agent=lerobot_gloves/demo/agent" in recorded.words
     monkeypatch.setattr(train_models, "push", lambda folder, name: f"{folder} {name}")
