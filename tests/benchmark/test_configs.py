@@ -59,7 +59,7 @@ TASKS = {"slalom": 30, "keypad": 30, "can": 32, "charger": 20}
 """Episodes of a seed in the paper."""
 BENCHMARKS = [*TASKS, "charger_hidden", "slalom_pixels", "can_pixels"]
 FILES = [f"{benchmark}{kind}.yaml" for benchmark in BENCHMARKS for kind in ("", "_search")]
-ABLATIONS = [f"../ablations/{name}.yaml" for name in ("feeg_align", "training_seeds")]
+ABLATIONS = [f"../ablations/{name}.yaml" for name in ("feeg_align", "training_seeds", *(f"natural_{t}" for t in TASKS))]
 
 
 @pytest.mark.parametrize("name", [*FILES, "metaworld.yaml", *ABLATIONS])
@@ -118,6 +118,19 @@ def test_other_trainings_are_used_as_the_benchmarks_are(name: str) -> None:
             assert Path(other.adapter).parts[1] == f"{name}_seed{seed}"
             assert replace(other, adapter=own.adapter) == own
     assert len(config.methods) == 8
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_agents_imperfect_by_nature_are_corrected_as_the_search_chose_for_the_perturbed(name: str) -> None:
+    config, benchmark = read(f"../ablations/natural_{name}.yaml"), read(f"{name}.yaml")
+    assert (config.seeds, config.episodes, config.split) == (benchmark.seeds, benchmark.episodes, "test")
+    for kind in ("short", "few"):
+        task = config.tasks[f"{name}_{kind}"]
+        assert f"--agent={task.agent} " in (ROOT / "docs" / "rows" / f"{name}_{kind}" / "note.md").read_text()
+        assert task.perturbations == {"none": "none"}
+        assert list(task.methods) == ["DDPM", "CSA", "FEEG", "FEEG+gate"]
+        for label, method in task.methods.items():
+            assert method == benchmark.tasks[name].methods[label]
 
 
 @pytest.mark.parametrize("name", TASKS)
