@@ -83,8 +83,13 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
         for name, kind in kinds.items()
     }
     natural = {title: summarise(read_rows(folder))[0] for title, folder in folders.items() if folder.is_dir()}
+    played = {}
+    for task in TASKS:
+        if (folder := DOCS / "rows" / f"{task}_natural").is_dir():
+            played |= {section.name: section for section in summarise(read_rows(folder))}
+    others = {title: played[folder.name] for title, folder in folders.items() if folder.name in played}
     return {
-        "natural_table": markdown(natural_table(natural)),
+        "natural_table": markdown(natural_table(natural, others)),
         "copilot": found,
         "copilot_table": markdown(found.table()),
         "copilot_mean": {method: found.mean(method) for method in (*COLUMNS, OURS)},

@@ -6,7 +6,7 @@ from statistics import fmean
 
 from lerobot_gloves.report.paper import COLUMNS, KINDS
 from lerobot_gloves.report.summary import Result, Section
-from lerobot_gloves.report.tables import Entry, Table
+from lerobot_gloves.report.tables import MISSING, Entry, Table
 from lerobot_gloves.specification import NONE
 
 OURS = "copilot"
@@ -135,25 +135,42 @@ class AllBeside:
         return Table(caption, ["task, perturbation", COLUMNS[0], OURS, "copilot minus raw", "best other column"], lines)
 
 
-def natural_table(sections: Mapping[str, Section]) -> Table:
-    """Agents that nobody perturbs and that are imperfect all the same, a line each, and the mean of what they gain.
+def natural_table(sections: Mapping[str, Section], others: Mapping[str, Section]) -> Table:
+    """Agents that nobody perturbs and that are imperfect all the same, a line each, and the means.
 
     Args:
         sections: By what it is called, of each agent the rows of itself and of one method that corrects it.
+        others: The same agents' rows of other columns, as far as they were played.
     """
+    beside = [name for name in COLUMNS[1:] if any(name in one.methods for one in others.values())]
     lines, gains = [], []
     for title, section in sections.items():
         [corrected] = [name for name in section.methods if name != COLUMNS[0]]
-        results = [section.results[NONE, name] for name in (COLUMNS[0], corrected)]
-        found = results[1].difference
+        raw, ours = (section.results[NONE, name] for name in (COLUMNS[0], corrected))
+        found = ours.difference
         assert found is not None  # they are played in the same episodes
         gains.append(100 * found.mean)
+        played = {} if title not in others else others[title].results
+        theirs = [played.get((NONE, name)) for name in beside]
         difference = f"{gains[-1]:+.1f} [{100 * found.low:+.1f}, {100 * found.high:+.1f}]"
-        lines.append([title, *(f"{100 * one.mean:.1f}" for one in results), difference])
-    lines.append(["mean", "", "", f"{fmean(gains):+.1f}"])
+        lines.append([title, *map(_percent, (raw, *theirs, ours)), difference])
+    means = [_mean([line[column] for line in lines]) for column in range(1, len(beside) + 3)]
+    lines.append(["mean", *means, f"{fmean(gains):+.1f}"])
     return Table(
         "Agents that nobody perturbs and that are imperfect by nature: success in %, mean over ten seeds; copilot "
-        "minus raw agent in the same episodes, in points [95 % interval].",
-        ["agent", "raw", "copilot", "copilot minus raw"],
+        "minus raw agent in the same episodes, in points [95 % interval]."
+        + (
+            " The other columns have the settings that their searches chose for the perturbed agents." if beside else ""
+        ),
+        ["agent", "raw", *beside, "copilot", "copilot minus raw"],
         [[Entry(text) for text in line] for line in lines],
     )
+
+
+def _percent(result: Result | None) -> str:
+    return MISSING if result is None else f"{100 * result.mean:.1f}"
+
+
+def _mean(percents: list[str]) -> str:
+    """Of a column that has no gap."""
+    return MISSING if MISSING in percents else f"{fmean(map(float, percents)):.1f}"

@@ -70,12 +70,18 @@ def test_a_column_that_was_played_beside_the_copilot_counts_as_it_was_there(besi
 
 
 def test_agents_imperfect_by_nature_stand_in_one_table():
-    def agent(raw, corrected):
-        played = section("x", "a", agent=(raw, 0, 0), mended=(corrected, 0, 0))
-        played.methods = ["agent", "mended"]
+    def agent(raw, **corrected):
+        played = section("x", "a", agent=(raw, 0, 0), **{name: (rate, 0, 0) for name, rate in corrected.items()})
+        played.methods = ["agent", *corrected]
         return played
 
-    table = natural_table({"short": agent(80, 85), "few": agent(50, 53)})
+    sections = {"short": agent(80, mended=85), "few": agent(50, mended=53)}
+    others = {"short": agent(80, FEEG=70, CSA=82), "few": agent(50, CSA=60)}
+    table = natural_table(sections, others)
     lines = [[entry.text for entry in line] for line in table.lines]
-    assert lines[0] == ["short", "80.0", "85.0", "+5.0 [-5.0, +15.0]"]
-    assert lines[1][0] == "few" and lines[2] == ["mean", "", "", "+4.0"]
+    assert table.header == ["agent", "raw", "CSA", "FEEG", "copilot", "copilot minus raw"]
+    assert lines[0] == ["short", "80.0", "82.0", "70.0", "85.0", "+5.0 [-5.0, +15.0]"]
+    assert lines[1][:5] == ["few", "50.0", "60.0", "–", "53.0"]
+    assert lines[2] == ["mean", "65.0", "71.0", "–", "69.0", "+4.0"]
+    alone = natural_table(sections, {})
+    assert [entry.text for entry in alone.lines[2]] == ["mean", "65.0", "69.0", "+4.0"]
