@@ -2,6 +2,7 @@
 
 import secrets
 import socket
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,8 +88,12 @@ class DriveConfig:
 
 
 @parser.wrap()
-def drive(config: DriveConfig) -> None:
+def drive(config: DriveConfig, over: Callable[[], bool] = lambda: False) -> None:
     """Serve until interrupted.
+
+    Args:
+        config: What is driven and how.
+        over: Asked before each step whether to end.
 
     Raises:
         ImportError: If Starlette or uvicorn is not installed.
@@ -121,7 +126,7 @@ def drive(config: DriveConfig) -> None:
                     "whoever has this address can watch, and drive while nobody else does",
                     flush=True,
                 )
-            run(session, config.env.fps, board.publish, over=lambda: False)
+            run(session, config.env.fps, board.publish, over)
 
 
 def listening(host: str, port: int) -> socket.socket:

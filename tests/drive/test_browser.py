@@ -1,9 +1,8 @@
 """The page in a real browser: Chromium, driven by Selenium against `gloves drive` itself."""
 
-import re
 import shutil
-import signal
-import subprocess
+import socket
+import threading
 import time
 
 import pytest
@@ -12,12 +11,15 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from tests.preloaded import server
+import lerobot_policy_gloves  # noqa: F401, registers the person and the adapter
+from lerobot_gloves.commands.drive import DriveConfig, drive
+from lerobot_gloves.tasks.slalom import SlalomEnv
 
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Chromium and chromedriver (Debian: chromium-driver)"),
+    pytest.mark.together,
+    pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Chromium and chromedriver: bash scripts/browser.sh"),
 ]
 
 PATIENCE = 60.0
@@ -25,26 +27,25 @@ PATIENCE = 60.0
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The address of a server."""
-    log = tmp_path_factory.mktemp("drive") / "log"
-    with log.open("w") as stream:
-        command = [
-            server() / "gloves",
-            "drive",
-            "--env.type=gloves_slalom",
-            "--env.mode=1 1 1",
-            "--port=0",
-            "--view=128",
-        ]
-        process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT)
-    try:
-        until(lambda: "open http" in log.read_text() or process.poll() is not None)
-        yield re.search(r"http://\S+", log.read_text())[0]
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(30)
-    assert "Traceback" not in log.read_text()
+def site():
+    """The address of a server, whose simulation runs in a thread of this process: it has imported everything."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    config = DriveConfig(env=SlalomEnv(mode="1 1 1"), port=port, view=128)
+    over = threading.Event()
+    simulation = threading.Thread(target=drive, args=(config, over.is_set), daemon=True)
+    simulation.start()
+    until(lambda: not simulation.is_alive() or listens(port))
+    assert simulation.is_alive()
+    yield f"http://127.0.0.1:{port}/"
+    over.set()
+    simulation.join(PATIENCE)
+    assert not simulation.is_alive()
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as tried:
+        return tried.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.fixture(scope="module")
