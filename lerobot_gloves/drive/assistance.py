@@ -95,7 +95,8 @@ class Assistance:
                 self._policy.adjust(gate=True)
             except ValueError as error:
                 self.ungated = str(error)
-        assistance: Assist = "off" if self.adapter is None else "always" if self.ungated else "gate"
+        ungated = self.ungated or options.get("gate") is False
+        assistance: Assist = "off" if self.adapter is None else "always" if ungated else "gate"
         self.choose(Settings(assistance, options.get("alpha") or 0.05, UNLIMITED, "none"))
 
     def choose(self, settings: Settings) -> None:
