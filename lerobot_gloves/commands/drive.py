@@ -2,7 +2,6 @@
 
 import secrets
 import socket
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import torch
 from lerobot.configs import parser
 from lerobot.envs import EnvConfig
 
+from lerobot_gloves.commands.assisting import AssistanceConfig
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.commands.start import start
 from lerobot_gloves.demo import COPILOT, PACKAGED
@@ -26,33 +26,6 @@ from lerobot_gloves.system.errors import one_line
 
 SHIPPED = {"gloves_slalom": PACKAGED / COPILOT}
 """The adapter that ships with the package, by `--env.type`."""
-
-
-@dataclass
-class AssistanceConfig:
-    """What corrects the person: options of the wrapper, which mean the same as in every other command."""
-
-    # Folder or Hub id of the adapter. By default the copilot that ships with the package, where one does.
-    adapter: str | None = None
-    # The adapter's Hub revision.
-    adapter_revision: str | None = None
-    # Options for the adapter's configuration, such as '["--guidance=2"]'.
-    adapter_overrides: list[str] = field(default_factory=list)
-    # Observation keys of the environment to those that the adapter was trained on.
-    adapter_rename_map: dict[str, str] = field(default_factory=dict)
-    # The editor and its options, NAME[:KEY=VALUE,...]; by default what gloves tune recommends, else the adapter's own.
-    method: str | None = None
-    # The nonconformity score of the gate and its options; by default the adapter's own.
-    score: str | None = None
-    # Whether commands that look like the expert's pass, to begin with; the page changes it. By default, if the adapter
-    # is calibrated.
-    gate: bool | None = None
-    # The gate's significance level to begin with; the page changes it.
-    alpha: float | None = None
-    # File that receives one JSON line a step of what was done to the commands.
-    log: Path | None = None
-    # Where the adapter computes, such as cpu or cuda; by default the best that there is.
-    device: str | None = None
 
 
 @dataclass
@@ -101,12 +74,8 @@ class DriveConfig:
 
 
 @parser.wrap()
-def drive(config: DriveConfig, over: Callable[[], bool] = lambda: False) -> None:
+def drive(config: DriveConfig) -> None:
     """Serve until interrupted.
-
-    Args:
-        config: What is driven and how.
-        over: Asked before each step whether to end.
 
     Raises:
         ImportError: If Starlette or uvicorn is not installed.
@@ -141,7 +110,7 @@ def drive(config: DriveConfig, over: Callable[[], bool] = lambda: False) -> None
                     "whoever has this address can watch, and drive while nobody else does",
                     flush=True,
                 )
-            run(driven, config.env.fps, board.publish, over)
+            run(driven, config.env.fps, board.publish, over=lambda: False)
 
 
 def _study(

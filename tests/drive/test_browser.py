@@ -1,9 +1,6 @@
 """The page in a real browser: Chromium, driven by Selenium against `gloves drive` itself."""
 
 import shutil
-import socket
-import threading
-import time
 
 import pytest
 from selenium import webdriver
@@ -11,9 +8,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-import lerobot_policy_gloves  # noqa: F401, registers the person and the adapter
-from lerobot_gloves.commands.drive import DriveConfig, drive
-from lerobot_gloves.tasks.slalom import SlalomEnv
+from tests.drive.serving import served, until
 
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 pytestmark = [
@@ -22,30 +17,11 @@ pytestmark = [
     pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Chromium and chromedriver: bash scripts/browser.sh"),
 ]
 
-PATIENCE = 60.0
-"""Seconds: a browser without a GPU takes long where other tests run beside it."""
-
 
 @pytest.fixture(scope="module")
 def site():
-    """The address of a server, whose simulation runs in a thread of this process: it has imported everything."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    config = DriveConfig(env=SlalomEnv(mode="1 1 1"), port=port, view=128)
-    over = threading.Event()
-    simulation = threading.Thread(target=drive, args=(config, over.is_set), daemon=True)
-    simulation.start()
-    until(lambda: not simulation.is_alive() or listens(port))
-    assert simulation.is_alive()
-    yield f"http://127.0.0.1:{port}/"
-    over.set()
-    simulation.join(PATIENCE)
-    assert not simulation.is_alive()
-
-
-def listens(port: int) -> bool:
-    with socket.socket() as tried:
-        return tried.connect_ex(("127.0.0.1", port)) == 0
+    with served({"mode": "1 1 1"}) as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -64,14 +40,6 @@ def browser():
     found = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     yield found
     found.quit()
-
-
-def until(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    return found
 
 
 def text(browser, name: str) -> str:
@@ -155,3 +123,26 @@ def test_it_fits_and_every_control_has_a_name(page, scheme, width, height):
     found = [node for node in nodes if node.get("role", {}).get("value") in controls]
     assert len(found) >= 9 and all(node["name"]["value"].strip() for node in found)
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_study_is_blind_and_ends_with_its_results(browser, tmp_path):
+    with served({"episode_length": 10}, study=2, output_dir=tmp_path / "study") as address:
+        browser.get(address)
+        for episode in (1, 2):
+            until(lambda: text(browser, "progress") == f"Study: episode {episode} of 2.")  # noqa: B023
+            until(lambda: text(browser, "outcome").startswith("Ready"))
+            hidden = ("settings", "strip", "again", "results")
+            assert not any(browser.find_element(By.ID, name).is_displayed() for name in hidden)
+            ActionChains(browser).key_down(Keys.ARROW_RIGHT).perform()
+            until(lambda: text(browser, "outcome").startswith("The time is up."))
+            ActionChains(browser).key_up(Keys.ARROW_RIGHT).send_keys("n").perform()
+        until(lambda: text(browser, "progress") == "Study: all 2 episodes are done.")
+        rows = browser.find_elements(By.CSS_SELECTOR, "#table tbody tr")
+        assert [row.find_element(By.TAG_NAME, "th").text for row in rows] == [
+            "without assistance",
+            "with assistance",
+            "difference",
+        ]
+        until(lambda: browser.execute_script("return document.getElementById('paths').naturalWidth") > 0)
+        until((tmp_path / "study" / "dataset" / "README.md").is_file)
+        assert browser.get_log("browser") == []
