@@ -1,4 +1,4 @@
-"""The page in a real browser: Chromium, driven by Selenium against `gloves drive` itself."""
+"""The pages in a real browser: Chromium, driven by Selenium, against `gloves drive` itself and a replay's file."""
 
 import shutil
 
@@ -7,7 +7,9 @@ from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.select import Select
 
+from lerobot_gloves.report.replay_page import replay_html
 from tests.drive.serving import served, until
 
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
@@ -146,3 +148,29 @@ def test_a_study_is_blind_and_ends_with_its_results(browser, tmp_path):
         until(lambda: browser.execute_script("return document.getElementById('paths').naturalWidth") > 0)
         until((tmp_path / "study" / "dataset" / "README.md").is_file)
         assert browser.get_log("browser") == []
+
+
+def test_a_replay_is_scrubbed_through_by_keys_from_the_disk(browser, tmp_path):
+    line = {"length": 4, "score": None, "distance": 0.5, "milliseconds": 3.0, "evaluations": 2.0}
+    actions = {"proposed": [[0.0, 1.0]] * 4, "executed": [[0.5, 1.5]] * 4}
+    chunks = [{**line, **actions, "step": 4 * i, "p_value": 0.5 / (i + 1), "edited": i in (1, 2)} for i in range(4)]
+    page = tmp_path / "page.html"
+    page.write_text(replay_html({7: chunks, 8: chunks[:1]}, {}, about="a log", rate=20))
+    browser.get(page.as_uri())
+    assert text(browser, "count") == "2 of 4 chunks edited" and text(browser, "heading").endswith(
+        "executed as proposed"
+    )
+    seen = []
+    for key in ("n", "n", "n", Keys.ARROW_RIGHT, "p"):
+        ActionChains(browser).send_keys(key).perform()
+        seen.append((browser.find_element(By.ID, "step").get_property("value"), text(browser, "heading")))
+    second, third = "Chunk 2: edited", "Chunk 3: edited"
+    assert seen == [("4", second), ("8", third), ("8", third), ("9", third), ("8", third)]
+    assert "0.167" in text(browser, "facts") and browser.find_element(By.ID, "plot").is_displayed()
+    assert text(browser, "missing") == "This episode has no video."
+    Select(browser.find_element(By.ID, "episode")).select_by_visible_text("8 (no video)")
+    assert text(browser, "count") == "0 of 1 chunks edited" and not browser.find_element(By.ID, "next").is_enabled()
+    nodes = browser.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    controls = [node for node in nodes if node.get("role", {}).get("value") in ("button", "slider", "combobox")]
+    assert len(controls) >= 5 and all(node["name"]["value"].strip() for node in controls)
+    assert browser.get_log("browser") == []
