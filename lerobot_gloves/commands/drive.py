@@ -1,7 +1,9 @@
 """`gloves drive`: a person at the controls, in the browser."""
 
 import secrets
+import shlex
 import socket
+import sys
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -120,7 +122,8 @@ def _study(
 
     assert config.study is not None and config.output_dir is not None
     how: dict[str, Any] = {"root": config.output_dir, "episodes": config.study, "seed": config.seed}
-    return open_study(config.env, session, view, assistance, **how, options=options)
+    typed = " ".join([sys.argv[0], *map(shlex.quote, sys.argv[1:])])
+    return open_study(config.env, session, view, assistance, **how, options=options, command=typed)
 
 
 def listening(host: str, port: int) -> socket.socket:

@@ -90,6 +90,7 @@ def open_study(
     episodes: int,
     seed: int,
     options: Mapping[str, Any],
+    command: str,
 ) -> Study:
     """Begin a study, or take up one that was stopped.
 
@@ -102,6 +103,7 @@ def open_study(
         episodes: How many; even.
         seed: Of the first corridor.
         options: The wrapper's options for its adapter.
+        command: What was typed, for the dataset's card.
 
     Raises:
         ValueError: If nothing would help, or the folder holds a study with other settings, or something else.
@@ -119,6 +121,5 @@ def open_study(
     }
     folder = StudyFolder(root, settings, episodes, seed)
     helped = f"`{assistance.adapter}`, {how.assistance}, alpha {how.alpha:g}, fault {how.fault}"
-    command = f"gloves drive --env.type={env.type} --study={episodes} --seed={seed} --output_dir={root}"
     finish = Finish(env, view, folder, helped, command)
     return Study(session, assistance, folder, partial(columns, env), finish)

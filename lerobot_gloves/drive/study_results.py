@@ -129,6 +129,7 @@ def paths_figure(episodes: Sequence[Driven], view: View) -> Figure:
                 colour, dash = (SUCCESS, "-") if one.success else (FAILURE, "--")
                 axes.plot(*zip(*one.path, strict=True), color=colour, ls=dash, lw=1.2, alpha=0.8)
             axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xticks=[], yticks=[])
+            axes.spines[:].set_visible(False)
     return figure
 
 

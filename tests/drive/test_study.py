@@ -32,7 +32,13 @@ class Studied:
 
     def __init__(self, env, flow, root, **changes):
         self.driven = Driven(env, adapter=flow, method="feeg:start=0.3")
-        how = {"root": root, "episodes": 4, "seed": 100005, "options": {}} | changes
+        how = {
+            "root": root,
+            "episodes": 4,
+            "seed": 100005,
+            "options": {},
+            "command": "gloves drive --study=4",
+        } | changes
         self.study = open_study(CONFIG, self.driven.session, VIEW, self.driven.assistance, **how)
         self.snapshots = []
 
@@ -120,7 +126,11 @@ def test_what_is_left_is_what_was_seen_commanded_and_executed(finished):
     np.testing.assert_allclose(moved, columns["action"][:4], atol=1e-5)
     assert not {"commanded", "edited", "assisted"} & dataset_to_policy_features(recorded.meta.features).keys()
     card = (root / "dataset" / "README.md").read_text()
-    assert "# A person at the controls" in card and "Seeds 100005 to 100006, each driven twice" in card
+    assert (
+        "# A person at the controls" in card
+        and "Seeds 100005 to 100006, each driven twice" in card
+        and "gloves drive --study=4" in card
+    )
     assert "| without assistance | 0 of 2: 0 [0, 66] " in (root / "results.md").read_text()
     results = second.snapshots[-1].about["study"]["results"]
     assert results["lines"][1][0] == "with assistance" and results["picture"].startswith("data:image/svg+xml;base64,")
