@@ -89,7 +89,7 @@ class CorrectionStep(RobotActionProcessorStep):
         if self.limit is not None and bounds is not None:
             self._largest = self.limit * (bounds[1] - bounds[0]).cpu().numpy()
         self._warned: set[str] = set()
-        self.commanded = np.zeros(len(self._names), dtype=np.float32)
+        self.commanded: np.ndarray = np.zeros(len(self._names), dtype=np.float32)
         self.edited, self.shown = False, dict[str, float]()
 
     def reset(self) -> None:
