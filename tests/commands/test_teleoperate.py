@@ -98,6 +98,8 @@ def test_an_edit_goes_a_tenth_of_the_demonstrated_range_unless_more_is_allowed(o
     assert share > 0.1
     commanded, near = operate(METHOD, "--policy.gate=false", "--limits.key=null")
     assert (np.abs(near - commanded) / ranges).max() == pytest.approx(0.1, rel=1e-3)
+    commanded, left = operate(METHOD, "--policy.gate=false", "--limits.key=null", "--limits.edit=0")
+    assert np.array_equal(left, commanded)
 
 
 def test_assistance_acts_while_the_dead_mans_key_is_held(operate, key, monkeypatch):

@@ -118,6 +118,9 @@ class CorrectionStep(RobotActionProcessorStep):
         assert executed is not None
         if self._largest is not None:
             executed = self.commanded + np.clip(executed - self.commanded, -self._largest, self._largest)
+            self.edited = not np.array_equal(executed, self.commanded)
+            if not self.edited:
+                return action
         return {**action, **dict(zip(self._names, executed.tolist(), strict=True))}
 
     def get_config(self) -> dict[str, Any]:
