@@ -36,18 +36,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     pytest-xdist deals the list out in parts of equal length, one a worker, before they steal from one another.
     """
-    slow = [item for item in items if item.get_closest_marker("slow")]
+    slow = _units([item for item in items if item.get_closest_marker("slow")])
     quick = [item for item in items if not item.get_closest_marker("slow")]
     left, workers = len(items), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
     items.clear()
     for worker in range(workers):
         length = left // (workers - worker)
         left -= length
-        part = slow[worker::workers]
+        part = [item for unit in slow[worker::workers] for item in unit]
         more = max(0, length - len(part))
         items += part + quick[:more]
         del quick[:more]
     items += quick
+
+
+def _units(items: list[pytest.Item]) -> list[list[pytest.Item]]:
+    """Tests one by one, but those of a module that is marked `together` as one: its fixtures are made once."""
+    units: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        units.setdefault(
+            item.nodeid.partition("::")[0] if item.get_closest_marker("together") else item.nodeid, []
+        ).append(item)
+    return list(units.values())
 
 
 @pytest.fixture

@@ -34,6 +34,7 @@ SMALL = {
     "outputs/pusht/bench": "--episodes=2 --batch_size=2 --env.episode_length=12 --num_workers=1",
     "gloves push": "",
     "outputs/pusht/from_the_hub": PLAYED,
+    "gloves replay": "",
 }
 """By what tells a command from the others, the options that make it small; in the page's order."""
 
@@ -117,6 +118,7 @@ def test_the_page_leads_from_nothing_to_a_policy_that_is_corrected_from_the_hub(
         assert len(task["metrics"]["successes"]) == 2, run
     lines = [json.loads(line) for line in Path("outputs/pusht/log.jsonl").read_text().splitlines()]
     assert len(lines) == 4, "two episodes of 12 steps, of which the agent plans 8 at a time"
+    assert "2 episodes, 4 chunks" in printed["gloves replay"] and Path("outputs/pusht/replay.html").is_file()
     played = {(row.cell.perturbation, row.cell.editor) for row in read_rows(Path("outputs/pusht/bench"))}
     assert played == {(kind, method) for kind in ("none", "laggy:p=0.3") for method in ("none", "copilot")}
 

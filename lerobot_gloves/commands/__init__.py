@@ -4,7 +4,7 @@ import importlib
 import sys
 
 COMMANDS = {
-    "record": "record a task's scripted expert, or an agent, as a LeRobotDataset",
+    "record": "record a task's scripted expert, an agent, or a person at a robot, as a LeRobotDataset",
     "calibrate": "score held-out expert episodes with a trained adapter and store the calibration",
     "check": "see whether a trained adapter can tell an expert's chunks from others",
     "tune": "choose an adapter's method and gate without a simulator",
@@ -12,7 +12,9 @@ COMMANDS = {
     "bench": "run perturbation x method x seed on a task",
     "demo": "see an imperfect policy get better",
     "drive": "drive a robot yourself, in the browser, and see your commands corrected",
+    "teleoperate": "teleoperate a robot as by lerobot-teleoperate, and have your commands corrected",
     "serve": "run LeRobot's policy server, which then knows wrapped policies",
+    "replay": "scrub through the episodes of a log, and see every edit",
     "report": "turn benchmark rows into tables and plots",
 }
 

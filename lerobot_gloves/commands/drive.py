@@ -1,8 +1,10 @@
 """`gloves drive`: a person at the controls, in the browser."""
 
 import secrets
+import shlex
 import socket
-from dataclasses import asdict, dataclass, field
+import sys
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,45 +12,22 @@ import torch
 from lerobot.configs import parser
 from lerobot.envs import EnvConfig
 
+from lerobot_gloves.commands.assisting import AssistanceConfig
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.commands.start import start
 from lerobot_gloves.demo import COPILOT, PACKAGED
-from lerobot_gloves.drive.assistance import load_assistance
+from lerobot_gloves.drive.assistance import Assistance, load_assistance
 from lerobot_gloves.drive.board import Board
 from lerobot_gloves.drive.desk import Desk
 from lerobot_gloves.drive.loop import run
-from lerobot_gloves.drive.session import Session
-from lerobot_gloves.drive.view import view_of
+from lerobot_gloves.drive.session import Driven, Session
+from lerobot_gloves.drive.view import View, view_of
 from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.seeds import ALL
 from lerobot_gloves.system.errors import one_line
 
 SHIPPED = {"gloves_slalom": PACKAGED / COPILOT}
 """The adapter that ships with the package, by `--env.type`."""
-
-
-@dataclass
-class AssistanceConfig:
-    """What corrects the person: options of the wrapper, which mean the same as in every other command."""
-
-    # Folder or Hub id of the adapter. By default the copilot that ships with the package, where one does.
-    adapter: str | None = None
-    # The adapter's Hub revision.
-    adapter_revision: str | None = None
-    # Options for the adapter's configuration, such as '["--guidance=2"]'.
-    adapter_overrides: list[str] = field(default_factory=list)
-    # Observation keys of the environment to those that the adapter was trained on.
-    adapter_rename_map: dict[str, str] = field(default_factory=dict)
-    # The editor and its options, NAME[:KEY=VALUE,...]; by default what gloves tune recommends, else the adapter's own.
-    method: str | None = None
-    # The nonconformity score of the gate and its options; by default the adapter's own.
-    score: str | None = None
-    # The gate's significance level to begin with; the page changes it.
-    alpha: float | None = None
-    # File that receives one JSON line a step of what was done to the commands.
-    log: Path | None = None
-    # Where the adapter computes, such as cpu or cuda; by default the best that there is.
-    device: str | None = None
 
 
 @dataclass
@@ -71,6 +50,12 @@ class DriveConfig:
     view: int = 480
     # Seed of the first episode; that of a benchmark is its episode again.
     seed: int = ALL
+    # The fault to drive against to begin with, by its name on the page; the page changes it.
+    fault: str = "none"
+    # How many episodes to play as a study, an even number: half of them without assistance, in random order, blind.
+    study: int | None = None
+    # Folder of the study: its episodes, results and dataset. Run again, it goes on where it stopped.
+    output_dir: Path | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
@@ -79,6 +64,10 @@ class DriveConfig:
             raise ValueError(f"view is {self.view}, but must lie between 64 and 2048")
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}, but must not be negative")
+        if self.study is not None and (self.study < 2 or self.study % 2):
+            raise ValueError(f"study is {self.study}, but must be an even number of episodes, at least 2")
+        if (self.study is None) != (self.output_dir is None):
+            raise ValueError("a study needs a folder: give both --study and --output_dir, or neither")
         view_of(self.env)
         if self.policy.adapter is None and self.env.type in SHIPPED:
             self.policy.adapter = str(SHIPPED[self.env.type])
@@ -105,7 +94,9 @@ def drive(config: DriveConfig) -> None:
     token = None if is_loopback(config.host) else secrets.token_urlsafe(16)
     with listening(config.host, config.port) as listener, environments(config.env, 1) as env:
         assistance = load_assistance(config.env, options, view.faults, device)
+        assistance.choose(replace(assistance.settings, fault=config.fault))
         session, board = Session(env, view, assistance, config.seed), Board()
+        driven = session if config.study is None else _study(config, session, view, assistance, options)
         scene = {
             **view.scene,
             "rate": config.env.fps,
@@ -113,7 +104,7 @@ def drive(config: DriveConfig) -> None:
             "adapter": assistance.adapter,
             "ungated": assistance.ungated,
         }
-        with serving(Site(Desk(session), board, scene, token), listener):
+        with serving(Site(Desk(driven), board, scene, token), listener):
             print(f"gloves drive: open {address(config.host, listener.getsockname()[1], token)}", flush=True)
             if token is not None:
                 print(
@@ -121,7 +112,18 @@ def drive(config: DriveConfig) -> None:
                     "whoever has this address can watch, and drive while nobody else does",
                     flush=True,
                 )
-            run(session, config.env.fps, board.publish, over=lambda: False)
+            run(driven, config.env.fps, board.publish, over=lambda: False)
+
+
+def _study(
+    config: DriveConfig, session: Session, view: View, assistance: Assistance, options: dict[str, Any]
+) -> Driven:
+    from lerobot_gloves.drive.study_opening import open_study  # its datasets and plots take seconds to import
+
+    assert config.study is not None and config.output_dir is not None
+    how: dict[str, Any] = {"root": config.output_dir, "episodes": config.study, "seed": config.seed}
+    typed = " ".join([sys.argv[0], *map(shlex.quote, sys.argv[1:])])
+    return open_study(config.env, session, view, assistance, **how, options=options, command=typed)
 
 
 def listening(host: str, port: int) -> socket.socket:

@@ -3,6 +3,7 @@
 import os
 import shlex
 import shutil
+import sys
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -260,7 +261,11 @@ def _push(config: RecordConfig) -> str:
 
 
 def main() -> None:
-    """Entry point."""
+    """Entry point; `--robot` and `--teleop` are another recording's."""
+    if any(argument.startswith(("--robot.", "--teleop.")) for argument in sys.argv[1:]):
+        from lerobot_gloves.commands import teleoperate  # it imports every robot of LeRobot's
+
+        return teleoperate.main()
     start()
     with one_line_errors("gloves record", "what is recorded is kept: run the command again to go on"):
         record()

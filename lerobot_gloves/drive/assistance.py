@@ -1,9 +1,7 @@
 """The wrapper around a person: what becomes of a command under the assistance, and the fault, of the moment."""
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -11,13 +9,11 @@ import numpy as np
 import torch
 from lerobot.envs import EnvConfig, preprocess_observation
 from lerobot.envs.utils import env_to_policy_features
-from lerobot.policies import make_policy_config, make_pre_post_processors
-from lerobot.utils.constants import ACTION
 from torch import Tensor
 
-from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.drive.protocol import Assist, Settings
-from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent, quiet, task_strings
+from lerobot_gloves.evaluation.agent import WrappedAgent, load_agent, task_strings
+from lerobot_gloves.evaluation.person import saved_person
 from lerobot_gloves.perturbations import Perturbation, parse_perturbation
 from lerobot_gloves.tasks.configuration import OBS_COMMAND
 
@@ -95,7 +91,8 @@ class Assistance:
                 self._policy.adjust(gate=True)
             except ValueError as error:
                 self.ungated = str(error)
-        assistance: Assist = "off" if self.adapter is None else "always" if self.ungated else "gate"
+        ungated = self.ungated or options.get("gate") is False
+        assistance: Assist = "off" if self.adapter is None else "always" if ungated else "gate"
         self.choose(Settings(assistance, options.get("alpha") or 0.05, UNLIMITED, "none"))
 
     def choose(self, settings: Settings) -> None:
@@ -169,22 +166,5 @@ def load_assistance(
     Raises:
         ValueError: If the adapter does not fit the task, or lacks what the options ask for.
     """
-    length = 1
-    if adapter := options.get("adapter"):
-        overrides, revision = options.get("adapter_overrides") or (), options.get("adapter_revision")
-        length = checkpoint_config("policy.adapter", adapter, overrides, revision).chunk_size
-    features = env_to_policy_features(env)
-    with quiet():  # LeRobot warns where there is no GPU
-        person = make_policy_config(
-            "gloves_person",
-            chunk_size=length,
-            input_features={key: one for key, one in features.items() if key != ACTION},
-            output_features={ACTION: features[ACTION]},
-            **({} if device is None else {"device": device}),
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        checkpoint = Path(folder) / "person"  # the name by which the wrapper's start line calls its agent
-        person.save_pretrained(checkpoint)
-        for pipeline in make_pre_post_processors(person):
-            pipeline.save_pretrained(checkpoint)
-        return Assistance(load_agent(env, str(checkpoint), "none", 0, **options), options, faults)
+    with saved_person(env_to_policy_features(env), options, device) as person:
+        return Assistance(load_agent(env, person, "none", 0, **options), options, faults)

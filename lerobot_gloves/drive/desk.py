@@ -4,7 +4,7 @@ import logging
 
 from lerobot_gloves.drive.protocol import Begin, Command, MessageError, Settings, Take, parse
 from lerobot_gloves.drive.seats import Seat, Seats
-from lerobot_gloves.drive.session import Session
+from lerobot_gloves.drive.session import Driven
 
 logger = logging.getLogger(__name__)
 
@@ -22,7 +22,7 @@ class Desk:
         session: What is driven.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Driven) -> None:
         self.seats = Seats(session.stick)
         self._session = session
 

@@ -5,14 +5,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from lerobot_gloves.drive.pacing import paced
-from lerobot_gloves.drive.session import Session, Snapshot
+from lerobot_gloves.drive.session import Driven, Snapshot
 
 PATIENCE = 5
 """After so many steps in a row without the time to draw, one is drawn all the same."""
 
 
 def run(
-    session: Session,
+    session: Driven,
     rate: float,
     publish: Callable[[Snapshot], None],
     over: Callable[[], bool],

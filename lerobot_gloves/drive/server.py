@@ -27,7 +27,7 @@ from lerobot_gloves.drive.seats import FullError, Seat
 
 PAGE = Path(__file__).parent / "page"
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-FILES = {"/": "page.html", **{f"/{name}": name for name in ("page.css", "page.js", "steer.js", "draw.js")}}
+FILES = {"/": "page.html", **{f"/{name}": name for name in ("page.css", "page.js", "steer.js", "draw.js", "study.js")}}
 HEADERS = {
     # Nothing from elsewhere, and the token in the address is told nobody.
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "

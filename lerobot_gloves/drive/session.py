@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -40,6 +40,37 @@ class Snapshot:
     picture: bytes
 
 
+@dataclass(frozen=True)
+class Step:
+    """What happened at a step of an episode.
+
+    Attributes:
+        observation: What one environment showed before it, as a vector environment does.
+        command: The action that the person asked for, raw, (A,), float32.
+        acted: What became of it.
+        over: Whether the episode ended with it.
+        failure: Why it failed, in the environment's word; "" if it did not.
+    """
+
+    observation: dict[str, Any]
+    command: np.ndarray
+    acted: Acted
+    over: bool
+    failure: str
+
+
+class Driven(Protocol):
+    """What the server and the loop need of a session."""
+
+    stick: Stick
+
+    def ask(self, message: Settings | Begin) -> None: ...
+
+    def tick(self) -> Snapshot: ...
+
+    def draw(self) -> bytes: ...
+
+
 class Session:
     """Whoever steps it calls `tick` at the task's rate, from one thread; `stick` and `ask` are for any thread.
 
@@ -48,6 +79,7 @@ class Session:
 
     Attributes:
         stick: What the person commands.
+        watch: Called with every step of an episode, by `tick`.
 
     Args:
         env: One environment.
@@ -66,6 +98,7 @@ class Session:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.stick = Stick(clock)
+        self.watch: Callable[[Step], None] = lambda step: None
         self._env, self._view, self._assistance = env, view, assistance
         self._rng, self._first, self._seed = np.random.default_rng(seed), seed, seed
         self._asked: SimpleQueue[Settings | Begin] = SimpleQueue()
@@ -79,6 +112,16 @@ class Session:
     def ask(self, message: Settings | Begin) -> None:
         """Other settings, or another episode, from the next tick on."""
         self._asked.put(message)
+
+    @property
+    def task(self) -> str:
+        """What is asked for, as the environment says it."""
+        return task_strings(self._env)[0]
+
+    def begin(self, seed: int) -> None:
+        """Begin the episode of a seed; from the thread that calls `tick`."""
+        self._seed = seed
+        self._begin()
 
     def tick(self) -> Snapshot:
         """Take a step, if an episode is on."""
@@ -138,7 +181,7 @@ class Session:
         self._tell()
 
     def _tell(self) -> None:
-        task = task_strings(self._env)[0]
+        task = self.task
         self._about: dict[str, Any] = {
             "type": "about",
             "episode": self._episode,
@@ -150,9 +193,9 @@ class Session:
 
     def _step(self, sent: tuple[float, float]) -> Acted:
         # Asked even where nobody commands: histories and faults go on in time.
-        still = self._view.steer(*CENTRE)
+        still, command, seen, failure = self._view.steer(*CENTRE), self._view.steer(*sent), self._observation, ""
         try:
-            acted = self._assistance.act(self._env, self._observation, self._view.steer(*sent))
+            acted = self._assistance.act(self._env, seen, command)
         except ValueError as error:
             acted, self._notice = Acted(still), one_line(error)
         if sent == CENTRE:
@@ -163,7 +206,9 @@ class Session:
         if fact(info, "is_success", 0, False):
             self._phase = "success"
         elif terminated[0] or truncated[0]:
-            self._phase, self._ending = "failure", self._view.ending(str(fact(info, "failure", 0, "")) or "timeout")
+            failure = str(fact(info, "failure", 0, "")) or "timeout"
+            self._phase, self._ending = "failure", self._view.ending(failure)
+        self.watch(Step(seen, command, acted, self._phase != "driving", failure))
         return acted
 
     def _place(self) -> tuple[float, float]:

@@ -60,6 +60,7 @@ def assemble(
     video: bool,
     command: str,
     agent: Agent | None = None,
+    person: str | None = None,
     robot_type: str | None = None,
 ) -> None:
     """Write the staged episodes as the dataset `root`, which appears at once, whole, when all is written.
@@ -72,7 +73,8 @@ def assemble(
         num_episodes: How many episodes, from 0 on, to take.
         video: Images as video instead of one by one.
         command: The command that makes the dataset, for its card.
-        agent: Who was recorded; None for the task's expert.
+        agent: Who was recorded; None for the task's expert, or a person.
+        person: What the card says of the study in which a person was recorded.
         robot_type: What the robot is; None for what the task says of it, by its `robot_type` or else by its name.
     """
     disable_progress_bars()  # of each episode's Parquet conversion
@@ -98,12 +100,13 @@ def assemble(
             dataset.add_frame({**row, "task": episode.task})
         dataset.save_episode()
     dataset.finalize()
-    name = f"{env_config.type.removeprefix('gloves_')}.md" if agent is None else "agent.md"
-    outcome = (
-        f"Demonstrations that failed and were played anew: {attempts - num_episodes}."
-        if agent is None
-        else _agents_outcome(env_config, agent, failures)
-    )
+    if person is not None:
+        name, outcome = "study.md", person
+    elif agent is not None:
+        name, outcome = "agent.md", _agents_outcome(env_config, agent, failures)
+    else:
+        name = f"{env_config.type.removeprefix('gloves_')}.md"
+        outcome = f"Demonstrations that failed and were played anew: {attempts - num_episodes}."
     (unfinished / "README.md").write_text(_card(name, dataset.meta, outcome, command))
     unfinished.replace(root)
 

@@ -15,6 +15,7 @@ from .gloves_align_flow.configuration_gloves_align_flow import GlovesAlignFlowCo
 from .gloves_copilot.configuration_gloves_copilot import GlovesCopilotConfig
 from .gloves_expert_flow.configuration_gloves_expert_flow import GlovesExpertFlowConfig
 from .gloves_flow_policy.configuration_gloves_flow_policy import GlovesFlowConfig
+from .gloves_person import processor_teleoperation  # noqa: F401
 from .gloves_person.configuration_gloves_person import GlovesPersonConfig
 
 install()

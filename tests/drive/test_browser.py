@@ -1,50 +1,29 @@
-"""The page in a real browser: Chromium, driven by Selenium against `gloves drive` itself."""
+"""The pages in a real browser: Chromium, driven by Selenium, against `gloves drive` itself and a replay's file."""
 
-import re
 import shutil
-import signal
-import subprocess
-import time
 
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.select import Select
 
-from tests.preloaded import server
+from lerobot_gloves.report.replay_page import replay_html
+from tests.drive.serving import served, until
 
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Chromium and chromedriver (Debian: chromium-driver)"),
+    pytest.mark.together,
+    pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Chromium and chromedriver: bash scripts/browser.sh"),
 ]
-
-PATIENCE = 60.0
-"""Seconds: a browser without a GPU takes long where other tests run beside it."""
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The address of a server."""
-    log = tmp_path_factory.mktemp("drive") / "log"
-    with log.open("w") as stream:
-        command = [
-            server() / "gloves",
-            "drive",
-            "--env.type=gloves_slalom",
-            "--env.mode=1 1 1",
-            "--port=0",
-            "--view=128",
-        ]
-        process = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT)
-    try:
-        until(lambda: "open http" in log.read_text() or process.poll() is not None)
-        yield re.search(r"http://\S+", log.read_text())[0]
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(30)
-    assert "Traceback" not in log.read_text()
+def site():
+    with served({"mode": "1 1 1"}) as address:
+        yield address
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +42,6 @@ def browser():
     found = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     yield found
     found.quit()
-
-
-def until(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not (found := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    return found
 
 
 def text(browser, name: str) -> str:
@@ -154,3 +125,52 @@ def test_it_fits_and_every_control_has_a_name(page, scheme, width, height):
     found = [node for node in nodes if node.get("role", {}).get("value") in controls]
     assert len(found) >= 9 and all(node["name"]["value"].strip() for node in found)
     page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_study_is_blind_and_ends_with_its_results(browser, tmp_path):
+    with served({"episode_length": 10}, study=2, output_dir=tmp_path / "study") as address:
+        browser.get(address)
+        for episode in (1, 2):
+            until(lambda: text(browser, "progress") == f"Study: episode {episode} of 2.")  # noqa: B023
+            until(lambda: text(browser, "outcome").startswith("Ready"))
+            hidden = ("settings", "strip", "again", "results")
+            assert not any(browser.find_element(By.ID, name).is_displayed() for name in hidden)
+            ActionChains(browser).key_down(Keys.ARROW_RIGHT).perform()
+            until(lambda: text(browser, "outcome").startswith("The time is up."))
+            ActionChains(browser).key_up(Keys.ARROW_RIGHT).send_keys("n").perform()
+        until(lambda: text(browser, "progress") == "Study: all 2 episodes are done.")
+        rows = browser.find_elements(By.CSS_SELECTOR, "#table tbody tr")
+        assert [row.find_element(By.TAG_NAME, "th").text for row in rows] == [
+            "without assistance",
+            "with assistance",
+            "difference",
+        ]
+        until(lambda: browser.execute_script("return document.getElementById('paths').naturalWidth") > 0)
+        until((tmp_path / "study" / "dataset" / "README.md").is_file)
+        assert browser.get_log("browser") == []
+
+
+def test_a_replay_is_scrubbed_through_by_keys_from_the_disk(browser, tmp_path):
+    line = {"length": 4, "score": None, "distance": 0.5, "milliseconds": 3.0, "evaluations": 2.0}
+    actions = {"proposed": [[0.0, 1.0]] * 4, "executed": [[0.5, 1.5]] * 4}
+    chunks = [{**line, **actions, "step": 4 * i, "p_value": 0.5 / (i + 1), "edited": i in (1, 2)} for i in range(4)]
+    page = tmp_path / "page.html"
+    page.write_text(replay_html({7: chunks, 8: chunks[:1]}, {}, about="a log", rate=20))
+    browser.get(page.as_uri())
+    assert text(browser, "count") == "2 of 4 chunks edited" and text(browser, "heading").endswith(
+        "executed as proposed"
+    )
+    seen = []
+    for key in ("n", "n", "n", Keys.ARROW_RIGHT, "p"):
+        ActionChains(browser).send_keys(key).perform()
+        seen.append((browser.find_element(By.ID, "step").get_property("value"), text(browser, "heading")))
+    second, third = "Chunk 2: edited", "Chunk 3: edited"
+    assert seen == [("4", second), ("8", third), ("8", third), ("9", third), ("8", third)]
+    assert "0.167" in text(browser, "facts") and browser.find_element(By.ID, "plot").is_displayed()
+    assert text(browser, "missing") == "This episode has no video."
+    Select(browser.find_element(By.ID, "episode")).select_by_visible_text("8 (no video)")
+    assert text(browser, "count") == "0 of 1 chunks edited" and not browser.find_element(By.ID, "next").is_enabled()
+    nodes = browser.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    controls = [node for node in nodes if node.get("role", {}).get("value") in ("button", "slider", "combobox")]
+    assert len(controls) >= 5 and all(node["name"]["value"].strip() for node in controls)
+    assert browser.get_log("browser") == []

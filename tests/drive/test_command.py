@@ -21,6 +21,9 @@ from lerobot_gloves.commands.drive import SHIPPED
             "--policy.adapter=nowhere is no checkpoint",
         ),
         (["--env.type=gloves_slalom", "--port=0", "--policy.method=fly"], "unknown method 'fly'"),
+        (["--env.type=gloves_slalom", "--port=0", "--fault=hail"], "there is no fault 'hail': choose from none, laggy"),
+        (["--env.type=gloves_slalom", "--study=3", "--output_dir=x"], "study is 3, but must be an even number"),
+        (["--env.type=gloves_slalom", "--study=20"], "a study needs a folder: give both --study and --output_dir"),
     ],
 )
 def test_what_cannot_be_is_told_in_one_line(monkeypatch, options, told):

@@ -7,7 +7,7 @@ from lerobot.configs import PreTrainedConfig, parser
 from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs import EnvConfig
 
-from lerobot_gloves.commands import COMMANDS
+from lerobot_gloves.commands import COMMANDS, assisting
 from lerobot_gloves.perturbations import CHOICES
 from lerobot_policy_gloves.gloves.configuration_gloves import PerturbationConfig
 
@@ -47,11 +47,15 @@ def test_every_option_of_our_commands_is_explained(command):
     own = [
         value
         for value in vars(module).values()
-        if dataclasses.is_dataclass(value) and value.__module__ == module.__name__
+        if isinstance(value, type)
+        and dataclasses.is_dataclass(value)
+        and value.__module__ in (module.__name__, assisting.__name__)
     ]
     assert own
     for config in own:
-        assert unexplained(config) == [], config.__name__
+        lerobots = [base for base in config.__mro__[1:] if base.__module__.partition(".")[0] == "lerobot"]
+        inherited = {field.name for base in lerobots for field in dataclasses.fields(base)}
+        assert unexplained(config, inherited) == [], config.__name__
 
 
 def test_lerobots_help_prints_them(typed, capsys):

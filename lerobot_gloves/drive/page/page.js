@@ -2,6 +2,7 @@
 
 import * as draw from "./draw.js";
 import * as steer from "./steer.js";
+import * as study from "./study.js";
 
 const EVERY = 50; // milliseconds between two commands; the robot stops after 300 without one
 const FINAL = { 1008: true, 1013: true, 4000: true }; // codes of a closed connection after which trying again is no use
@@ -55,6 +56,7 @@ function hear(message) {
   } else if (message.type === "about") {
     about = message;
     at("words").textContent = about.words;
+    study.tell(about.study);
     tellSettings();
   } else if (message.type === "error") {
     at("notice").textContent = message.line;
@@ -70,8 +72,8 @@ function step(next) {
   states.push(state);
   if (states.length > 2 * draw.KEPT_SECONDS * scene.rate) states = states.slice(-draw.KEPT_SECONDS * scene.rate);
   const outcome = {
-    ready: "Ready: the episode begins with your first command.", driving: "",
-    success: "Success! Press N for the next one.", failure: `${state.ending} Press R to try again.`,
+    ready: studied() ? "" : "Ready: the episode begins with your first command.", driving: "",
+    success: `Success!${onward(false)}`, failure: `${state.ending}${onward(true)}`,
   }[state.phase];
   if (at("outcome").textContent !== outcome) at("outcome").textContent = outcome;
   at("outcome").className = state.phase;
@@ -84,10 +86,20 @@ function step(next) {
   paint();
 }
 
+// Whether a study is over.
+function studied() {
+  return Boolean(about && about.study && about.study.results);
+}
+
+function onward(again) {
+  if (studied()) return "";
+  return again && !(about && about.study) ? " Press R to try again." : " Press N for the next one.";
+}
+
 function paint() {
   if (!scene || !about || !state) return;
   draw.top(at("top"), scene, about, trail, state);
-  draw.strip(at("strip"), states, about.settings, scene.rate);
+  if (!about.study) draw.strip(at("strip"), states, about.settings, scene.rate);
 }
 
 function tellRole() {
@@ -99,7 +111,7 @@ function tellRole() {
 }
 
 function tellSettings() {
-  if (!about || !scene) return;
+  if (!about || !scene || about.study) return;
   const { assistance, alpha, limit, fault } = about.settings;
   const drives = role.drives;
   for (const one of document.getElementsByName("assistance")) {

@@ -84,6 +84,8 @@ class GlovesConfig(PreTrainedConfig):
     seed: int = 0
     # File that receives one JSON line a chunk of what the wrapper did.
     log: Path | None = None
+    # Whether these lines also hold the proposed and the executed actions, raw.
+    log_actions: bool = False
     # Milliseconds between two actions of the program that runs the wrapper; no option, see `note_control_period`.
     control_period: ClassVar[float | None] = None
     push_to_hub: bool = False  # A wrapper is not trained, so there is nothing to push by itself.

@@ -28,6 +28,7 @@ class Correction:
 
     Attributes:
         action: What is to be executed, raw, (B, n, A).
+        proposal: What was proposed, the same.
         score: Nonconformity scores (B,), None if nobody asked for them or the adapter has none; of several scores, how
             far the worst lies above the largest value that passes.
         each: Every score by its specification, (B,) each; none of them where `score` is None.
@@ -39,6 +40,7 @@ class Correction:
     """
 
     action: Tensor
+    proposal: Tensor
     score: Tensor | None
     each: dict[str, Tensor]
     p_value: Tensor | None
@@ -60,6 +62,7 @@ class Correction:
         return replace(
             self,
             action=action,
+            proposal=proposal,
             score=None if self.score is None else spread(self.score, torch.nan),
             each={name: spread(one, torch.nan) for name, one in self.each.items()},
             p_value=None if self.p_value is None else spread(self.p_value, torch.nan),
@@ -225,7 +228,7 @@ class Corrector:
         milliseconds = 1000 * (time.perf_counter() - began) / len(chunk)
         score = None if scores is None else self.gate.summary(scores, length)
         each = {} if scores is None else dict(zip(self.gate.names, scores, strict=True))
-        return Correction(executed, score, each, p_value, edited, distance, evaluations, milliseconds)
+        return Correction(executed, proposal, score, each, p_value, edited, distance, evaluations, milliseconds)
 
     def _bound(self, batch: dict[str, Tensor], before: Sequence[Tensor]) -> BoundAdapter:
         """The adapter bound to observations and, if it reads them, to the last proposals, normalised (B, T, A) each."""

@@ -25,9 +25,10 @@ class Journal:
     Args:
         path: File of JSON lines; an existing one is appended to.
         control_period: Milliseconds between two actions; None if nobody knows.
+        actions: Whether the lines hold the proposed and the executed actions.
     """
 
-    def __init__(self, path: Path | None, control_period: float | None = None):
+    def __init__(self, path: Path | None, control_period: float | None = None, actions: bool = False):
         self.chunks = self.edited = 0
         self.distance = self.milliseconds = self.evaluations = 0.0
         self.latencies = Latencies()
@@ -35,6 +36,7 @@ class Journal:
         self._motion = Motion()
         self._waiting: list[tuple[int, dict[str, Any]]] = []
         self._file: IO[str] | None = None
+        self._actions = actions
         if path is not None:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a", buffering=1)
@@ -90,6 +92,9 @@ class Journal:
             }
             if correction.each:
                 line["scores"] = {name: float(score[row]) for name, score in correction.each.items()}
+            if self._actions:
+                line["proposed"] = correction.proposal[row].tolist()
+                line["executed"] = correction.action[row].tolist()
             if perturbed is not None:
                 line["perturbed"] = bool(perturbed[row])
             if running is None and self._motion.over(row):

@@ -75,7 +75,7 @@ class GlovesPolicy(PreTrainedPolicy):
         if self._corrector is not None and self._clipped:
             self._corrector.bounds = None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
-        self._journal = Journal(config.log, config.control_period)
+        self._journal = Journal(config.log, config.control_period, config.log_actions)
         self._episodes = Episodes()
         if self._corrector is not None and logger.isEnabledFor(logging.INFO):  # who silences the one wants no other
             logger.info(start_line(config, self._corrector))

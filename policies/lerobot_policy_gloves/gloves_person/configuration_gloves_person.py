@@ -13,6 +13,10 @@ class GlovesPersonConfig(PreTrainedConfig):
 
     # How many actions long a proposal is: the command, held.
     chunk_size: int = 10
+    # What the entries of an action are, as the robot calls them; an adapter's must be called alike.
+    action_feature_names: list[str] | None = None
+    # Commands a second, if anybody knows; an adapter must be of the same rate.
+    fps: int | None = None
     push_to_hub: bool = False  # There is nothing to push.
 
     def __post_init__(self) -> None:
