@@ -114,6 +114,8 @@ def drive(config: DriveConfig) -> None:
             "ungated": assistance.ungated,
         }
         with serving(Site(Desk(session), board, scene, token), listener):
+            if assistance.adapter is None:
+                print(f"gloves drive: nothing assists you: for {config.env.type} name an adapter by --policy.adapter")
             print(f"gloves drive: open {address(config.host, listener.getsockname()[1], token)}", flush=True)
             if token is not None:
                 print(

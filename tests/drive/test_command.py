@@ -11,7 +11,7 @@ from lerobot_gloves.commands.drive import SHIPPED
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--env.type=gloves_keypad"], "--env.type=gloves_keypad cannot be driven: choose from gloves_slalom"),
+        (["--env.type=gloves_charger"], "--env.type=gloves_charger cannot be driven: choose from gloves_slalom"),
         (["--env.type=gloves_slalom", "--port=70000"], "port is 70000, but must lie between 0 and 65535"),
         (["--env.type=gloves_slalom", "--view=1"], "view is 1, but must lie between 64 and 2048"),
         (["--env.type=gloves_slalom", "--seed=-1"], "seed is -1, but must not be negative"),
