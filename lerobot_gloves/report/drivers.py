@@ -10,7 +10,19 @@ from lerobot_gloves.system.text import markdown_table
 
 RAW = "raw"
 """The setting in which nothing corrects."""
-HEADER = ("task", "driver", "setting", "success", "by assistance", "steps", "changed", "moved", "failures")
+HEADER = (
+    "task",
+    "driver",
+    "setting",
+    "success",
+    "by assistance",
+    "kept",
+    "steps",
+    "changed",
+    "moved",
+    "crept",
+    "failures",
+)
 MODES = {"wrong_corridor", "wrong_button", "wrong_quadrant"}
 """Failures of an episode that did another thing than what the driver was after."""
 
@@ -55,12 +67,15 @@ def cells(mine: Sequence[Row], alone: Sequence[Row]) -> list[str]:
         gain = f"{100 * found.mean:+.0f} ({100 * found.low:+.0f} to {100 * found.high:+.0f})"
     commands = sum(row["commands"] for row in mine)
     failures = Counter(row["failure"] for row in mine if row["failure"])
+    as_meant, decided = kept(mine)
     return [
         f"{100 * fmean(outcomes):.0f} % ({100 * low:.0f} to {100 * high:.0f})",
         gain,
+        f"{100 * as_meant / decided:.0f} %" if decided else "-",
         f"{fmean(row['steps'] for row in mine):.0f}",
         f"{100 * sum(row['changed'] for row in mine) / max(1, commands):.0f} %",
         f"{100 * sum(row['moved'] * row['commands'] for row in mine) / max(1, commands):.0f} %",
+        str(sum(row["crept"] for row in mine)),
         ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sorted(failures.items())) or "none",
     ]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from lerobot_gloves.report.drivers import drivers_table, kept
+from lerobot_gloves.report.drivers import drivers_table
 from lerobot_gloves.report.statistics import newcombe, wilson
 
 
@@ -40,12 +40,9 @@ def test_a_setting_stands_beside_the_same_drivers_alone():
     assert lines[1][3] == f"70 % ({100 * low:.0f} to {100 * high:.0f})"
     low, high = newcombe(4, 3, 0, 3)
     assert lines[1][4] == f"+30 ({100 * low:+.0f} to {100 * high:+.0f})" and lines[0][4] == "-"
-    assert lines[1][5:] == ["100", "50 %", "20 %", "wrong corridor 3"] and lines[0][6:] == ["0 %", "0 %", "collision 6"]
+    assert lines[1][5:] == ["70 %", "100", "50 %", "20 %", "0", "wrong corridor 3"]
+    assert lines[0][5:] == ["100 %", "100", "0 %", "0 %", "0", "collision 6"]
     assert lines[2][3:] == lines[0][3:] and lines[3][3:] == lines[1][3:]
-
-
-def test_the_mode_is_kept_or_not_only_where_an_episode_says():
-    assert kept(ROWS) == (11, 14)
 
 
 def test_other_seeds_are_no_pairs():
