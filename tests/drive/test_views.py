@@ -73,7 +73,7 @@ def test_fingers_close_and_open_while_the_hand_stands_still():
         widths = []
         for grip in (-1.0, 1.0, 0.0):
             session.stick.move(0.0, 0.0, 0.0, grip)
-            for _ in range(12):
+            for _ in range(25):
                 state = session.tick().state
             widths.append(shown(session)["agent_pos"][7])
             assert state["executed"] == (0.0, 0.0, 0.0)

@@ -16,6 +16,7 @@ def row(setting: str, seed: int, success: bool, failure: str = "", **other) -> d
         "commands": 50,
         "changed": 0,
         "moved": 0.0,
+        "crept": 0,
     } | other
 
 
