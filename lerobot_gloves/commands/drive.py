@@ -12,7 +12,7 @@ from lerobot.envs import EnvConfig
 
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.commands.start import start
-from lerobot_gloves.demo import COPILOT, PACKAGED
+from lerobot_gloves.demo import PACKAGED, PERSONS_COPILOT
 from lerobot_gloves.drive.assistance import load_assistance
 from lerobot_gloves.drive.board import Board
 from lerobot_gloves.drive.desk import Desk
@@ -23,7 +23,7 @@ from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.seeds import ALL
 from lerobot_gloves.system.errors import one_line
 
-SHIPPED = {"gloves_slalom": PACKAGED / COPILOT}
+SHIPPED = {"gloves_slalom": PACKAGED / PERSONS_COPILOT}
 """The adapter that ships with the package, by `--env.type`."""
 
 

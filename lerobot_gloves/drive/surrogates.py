@@ -77,7 +77,7 @@ class Surrogates:
         sent = [driver.command(seen) for driver, seen in zip(self.drivers, shown, strict=True)]
         commands = np.stack([self._view.steer(*one) for one in sent])
         batch = self._person.prepare({**preprocess_observation(observation), "task": tasks})
-        running = self.policy.running.numpy().copy()  # type: ignore[attr-defined]
+        running = self.policy.running.numpy().copy()
         with torch.inference_mode():
             action = self._person.finish(self.policy.select_action({**batch, OBS_COMMAND: torch.from_numpy(commands)}))
         action = action.cpu().clone()
