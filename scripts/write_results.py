@@ -8,6 +8,7 @@ the first page, with names in braces for its figures.
 """
 
 import argparse
+import gzip
 import json
 import re
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 from lerobot_gloves.benchmark.folder import read_rows
 from lerobot_gloves.benchmark.matrix_file import read_chosen, read_yaml
 from lerobot_gloves.report.beside import OURS, AllBeside, Beside, natural_table
+from lerobot_gloves.report.drivers import drivers_table
 from lerobot_gloves.report.html_page import svg
 from lerobot_gloves.report.markdown import markdown, report_markdown
 from lerobot_gloves.report.overall import REFERENCES, Overall, overall_table
@@ -152,12 +154,21 @@ def measurement(file: Path) -> str:
     return f"## {found['title']}\n\n```console\n$ {found['command']}\n{found['printed']}\n```"
 
 
+def drivers(folder: Path) -> str:
+    """The page of the scripted drivers: what scripts/study_drivers.py wrote, beside its note."""
+    rows: list[dict] = []
+    for file in sorted(folder.glob("*.jsonl.gz")):
+        rows += map(json.loads, gzip.decompress(file.read_bytes()).decode().splitlines())
+    note = (folder / "note.md").read_text().strip()
+    return f"# Results of scripted drivers\n\n[Results](../results.md). {MADE}\n\n{note}\n\n{drivers_table(rows)}\n"
+
+
 def main(output: Path = DOCS) -> None:
     """Write the pages and the picture below a folder."""
     rows = DOCS / "rows"
     overall = Overall([summarise(read_rows(rows / task))[0] for task in TASKS])
-    left = sorted(path for path in rows.iterdir() if path.name != "overview.md")
-    pages = {"results.md": overview(overall)}
+    left = sorted(path for path in rows.iterdir() if path.name not in ("overview.md", "drivers"))
+    pages = {"results.md": overview(overall), "results/drivers.md": drivers(rows / "drivers")}
     for task, title in TASKS.items():
         mine = [path for path in left if path.name.partition(".")[0].partition("_")[0] == task]
         left = [path for path in left if path not in mine]

@@ -139,6 +139,45 @@ def test_a_persons_command_is_held_and_one_of_eight_directions(history):
     assert (command.abs() > 1e-5).sum(dim=-1).max() == 2
 
 
+SURE = {"ahead": (1.0, 1.0), "held": (1.0, 1.0), "speed": (1.0, 1.0), "slips": (0.0, 0.0), "waits": (0.0, 0.0)}
+
+
+def driven_timeline(late: float, **options):
+    """What a driver makes of a robot that is steered to any side at full speed, and of its gripper; both raw."""
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(-np.pi, np.pi, (50, 15))
+    raw = np.stack([0.01 * np.cos(angle), 0.01 * np.sin(angle), np.sign(rng.uniform(-1, 1, (50, 15)))], axis=-1)
+    spread = np.array([0.005, 0.007, 1.0])
+    units = Units(ZERO.double(), torch.from_numpy(spread))
+    history = units.normalised(torch.from_numpy(np.stack([raw[:, k : k + 5] for k in range(11)], axis=1)))
+    made = faults.Driven(**{"late": (late, late), **SURE, **options})(history, units, seeded(3))
+    return raw, units.raw(made).numpy()
+
+
+@pytest.mark.parametrize("late", [0, 4])
+def test_a_driver_presses_one_of_eight_directions_late(late):
+    raw, made = driven_timeline(late)
+    np.testing.assert_allclose(made, np.repeat(made[:, :, :1], 5, axis=2), atol=1e-12)  # held for a chunk
+    seen = raw[:, np.maximum(np.arange(11) - late, 0)]
+    eighth = np.round(np.arctan2(seen[..., 1], seen[..., 0]) / (np.pi / 4)) * (np.pi / 4)
+    expected = 0.01 * np.stack([np.cos(eighth), np.sin(eighth)], axis=-1)
+    np.testing.assert_allclose(made[:, :, 0, :2], expected, atol=1e-9)
+    np.testing.assert_allclose(made[:, :, 0, 2], seen[..., 2], atol=1e-9)  # nothing but late
+
+
+def test_a_driver_slips_to_neighbouring_keys_and_waits_but_never_now():
+    _, sure = driven_timeline(2)
+    _, slipped = driven_timeline(2, slips=(1.0, 1.0))
+    angle = [np.arctan2(made[:, :, 0, 1], made[:, :, 0, 0]) for made in (sure, slipped)]
+    moved = np.linalg.norm(slipped[:, :, 0, :2], axis=-1) > 1e-9
+    turned = np.abs((angle[1] - angle[0] + np.pi) % (2 * np.pi) - np.pi)[moved] / (np.pi / 4)
+    assert (
+        set(turned.round(6)) == {0.0, 1.0} and 0.4 < turned.mean() < 0.9
+    )  # a third falls on the gripper, which has none
+    _, waited = driven_timeline(2, waits=(1.0, 1.0))
+    assert not waited[:, :-1, :, :2].round(9).any() and np.linalg.norm(waited[:, -1, 0, :2], axis=-1).min() > 0.009
+
+
 def test_shares_of_healthy_agents_and_of_those_with_two_faults(history):
     agents = RandomisedAgents(healthy=0.3, several=0.5)
     has = agents.draw(20000, history, seeded(1))
@@ -165,7 +204,7 @@ def test_a_healthy_agent_is_the_expert(history):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"faults": ("noisy",)}, "there is no fault 'noisy': choose from held, rotated"),
+        ({"faults": ("noisy",)}, "there is no fault 'noisy': choose from held, driven, rotated"),
         ({"faults": ()}, "no fault is named"),
         ({"healthy": 1.5}, "healthy is 1.5, but must lie in"),
         ({"several": -0.1}, "several is -0.1, but must lie in"),

@@ -15,7 +15,7 @@ from lerobot.envs import EnvConfig
 from lerobot_gloves.commands.assisting import AssistanceConfig
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.commands.start import start
-from lerobot_gloves.demo import COPILOT, PACKAGED
+from lerobot_gloves.demo import PACKAGED, PERSONS_COPILOT
 from lerobot_gloves.drive.assistance import Assistance, load_assistance
 from lerobot_gloves.drive.board import Board
 from lerobot_gloves.drive.desk import Desk
@@ -26,7 +26,7 @@ from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.seeds import ALL
 from lerobot_gloves.system.errors import one_line
 
-SHIPPED = {"gloves_slalom": PACKAGED / COPILOT}
+SHIPPED = {"gloves_slalom": PACKAGED / PERSONS_COPILOT}
 """The adapter that ships with the package, by `--env.type`."""
 
 
@@ -105,6 +105,8 @@ def drive(config: DriveConfig) -> None:
             "ungated": assistance.ungated,
         }
         with serving(Site(Desk(driven), board, scene, token), listener):
+            if assistance.adapter is None:
+                print(f"gloves drive: nothing assists you: for {config.env.type} name an adapter by --policy.adapter")
             print(f"gloves drive: open {address(config.host, listener.getsockname()[1], token)}", flush=True)
             if token is not None:
                 print(

@@ -155,16 +155,30 @@ class Assistance:
 def load_assistance(
     env: EnvConfig, options: Mapping[str, Any], faults: Mapping[str, str], device: str | None = None
 ) -> Assistance:
-    """A person in a task, with what corrects them.
+    """A person in a task, with what corrects them as the page says.
+
+    Args:
+        env: The task.
+        options: See `load_person`.
+        faults: Specifications of perturbations by their names.
+        device: See `load_person`.
+
+    Raises:
+        ValueError: See `load_person`.
+    """
+    return Assistance(load_person(env, options, device), options, faults)
+
+
+def load_person(env: EnvConfig, options: Mapping[str, Any], device: str | None = None) -> WrappedAgent:
+    """The wrapper around `gloves_person` in a task.
 
     Args:
         env: The task.
         options: The wrapper's options for its adapter; without `adapter` nothing corrects.
-        faults: Specifications of perturbations by their names.
         device: Where the adapter computes; None for LeRobot's choice.
 
     Raises:
         ValueError: If the adapter does not fit the task, or lacks what the options ask for.
     """
     with saved_person(env_to_policy_features(env), options, device) as person:
-        return Assistance(load_agent(env, person, "none", 0, **options), options, faults)
+        return load_agent(env, person, "none", 0, **options)

@@ -41,8 +41,8 @@ class Desk:
             seat.lines.append(str(error))
             return seat.refused < PATIENCE
         match message:
-            case Command(x, y):
-                self._session.stick.move(x, y)
+            case Command(x, y, z, grip):
+                self._session.stick.move(x, y, z, grip)
             case Settings() | Begin():
                 self._session.ask(message)
             case Take():

@@ -18,10 +18,12 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True)
 class Command:
-    """Where the stick is: to the right and up on the picture, in [-1, 1] each."""
+    """Where the stick is, see `lerobot_gloves.drive.stick.Position`."""
 
     x: float
     y: float
+    z: float = 0.0
+    grip: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Take:
 type Message = Command | Settings | Begin | Take
 
 FIELDS = {
-    "command": {"x", "y"},
+    "command": {"x", "y", "z", "grip"},
     "settings": {"assistance", "alpha", "limit", "fault"},
     "begin": {"episode"},
     "take": set[str](),
@@ -85,11 +87,13 @@ def parse(text: str | bytes) -> Message:
     kind = content.pop("type", None)
     if not isinstance(kind, str) or kind not in FIELDS:
         raise MessageError(f"a message's type must be one of {', '.join(FIELDS)}")
+    if kind == "command":  # of a task without height, or without fingers
+        content = {"z": 0, "grip": 0, **content}
     if content.keys() != FIELDS[kind]:
         raise MessageError(f"a message of type {kind} has the fields {', '.join(sorted(FIELDS[kind])) or 'of none'}")
     match kind:
         case "command":
-            return Command(_number(content, "x", -1, 1), _number(content, "y", -1, 1))
+            return Command(*(_number(content, name, -1, 1) for name in ("x", "y", "z", "grip")))
         case "settings":
             return Settings(
                 cast(Assist, _choice(content, "assistance", get_args(Assist.__value__))),

@@ -14,7 +14,7 @@ from PIL import Image
 
 from lerobot_gloves.drive.assistance import Acted, Assistance
 from lerobot_gloves.drive.protocol import Begin, Settings
-from lerobot_gloves.drive.stick import CENTRE, Stick
+from lerobot_gloves.drive.stick import CENTRE, Position, Stick, still
 from lerobot_gloves.drive.view import View
 from lerobot_gloves.evaluation.agent import task_strings
 from lerobot_gloves.evaluation.rollout import fact
@@ -74,8 +74,8 @@ class Driven(Protocol):
 class Session:
     """Whoever steps it calls `tick` at the task's rate, from one thread; `stick` and `ask` are for any thread.
 
-    An episode begins at the first command; from then on every tick is a step of it, whether anybody commands or not.
-    Who commands nothing stands still, whatever assistance or fault would make of it.
+    An episode begins at the first command that moves the robot; from then on every tick is a step of it, whether
+    anybody commands or not. Who moves nothing stands still, whatever assistance or fault would make of it.
 
     Attributes:
         stick: What the person commands.
@@ -127,7 +127,7 @@ class Session:
         """Take a step, if an episode is on."""
         self._obey()
         sent = self.stick.position
-        if self._phase == "ready" and sent != CENTRE:
+        if self._phase == "ready" and not still(sent):
             self._phase = "driving"
         acted = self._step(sent) if self._phase == "driving" else Acted(self._view.steer(*CENTRE))
         state = {
@@ -137,6 +137,7 @@ class Session:
             "phase": self._phase,
             "ending": self._ending,
             "place": self._trail[-1][:2],
+            **self._view.moment(self._shown()),
             "sent": sent,
             "executed": self._view.arrow(acted.action),
             "edited": acted.edited,
@@ -191,15 +192,15 @@ class Session:
             "settings": asdict(self._assistance.settings),
         }
 
-    def _step(self, sent: tuple[float, float]) -> Acted:
+    def _step(self, sent: Position) -> Acted:
         # Asked even where nobody commands: histories and faults go on in time.
-        still, command, seen, failure = self._view.steer(*CENTRE), self._view.steer(*sent), self._observation, ""
+        command, seen, failure = self._view.steer(*sent), self._observation, ""
         try:
             acted = self._assistance.act(self._env, seen, command)
         except ValueError as error:
-            acted, self._notice = Acted(still), one_line(error)
-        if sent == CENTRE:
-            acted = Acted(still)
+            acted, self._notice = Acted(self._view.steer(*CENTRE)), one_line(error)
+        if still(sent):
+            acted = Acted(command)
         self._observation, _, terminated, truncated, info = self._env.step(acted.action[None])
         self._steps += 1
         self._trail.append((*self._place(), acted.edited))
@@ -212,4 +213,7 @@ class Session:
         return acted
 
     def _place(self) -> tuple[float, float]:
-        return self._view.place({key: value[0] for key, value in self._observation.items() if key != "pixels"})
+        return self._view.place(self._shown())
+
+    def _shown(self) -> dict[str, Any]:
+        return {key: value[0] for key, value in self._observation.items() if key != "pixels"}

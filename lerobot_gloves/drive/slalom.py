@@ -2,8 +2,7 @@
 
 from typing import Any
 
-import numpy as np
-
+from lerobot_gloves.drive.facing import FacingView
 from lerobot_gloves.tasks.slalom.expert import GAP_CENTRES
 from lerobot_gloves.tasks.slalom.scene import GOAL_Y, PILLAR_RADII, PILLARS, ROW_Y, START, parse_mode
 
@@ -19,10 +18,13 @@ ENDINGS = {
 }
 
 
-class SlalomView:
-    """The robot's y points to the right and its x down, in the camera's picture as on the top view."""
+class SlalomView(FacingView):
+    """Pillars, the gaps to pass, and the rod's tip."""
 
+    speed, axes, actions = SPEED, 2, 2
     scene: dict[str, Any] = {
+        "keys": [],
+        "target_radius": 0.03,
         "bounds": [-0.37, 0.2, 0.42, 0.8],
         "circles": [[float(y), float(x), float(radius)] for (x, y), radius in zip(PILLARS, PILLAR_RADII, strict=True)],
         "lines": [
@@ -38,16 +40,12 @@ class SlalomView:
         "shift": "shift:dim=0,alpha=0.003,p=1.0",
     }
 
-    def steer(self, x: float, y: float) -> np.ndarray:
-        return np.array([-y * SPEED, x * SPEED], dtype=np.float32)
-
-    def arrow(self, action: np.ndarray) -> tuple[float, float]:
-        down, right = action / SPEED
-        return float(right), float(-down)
-
     def place(self, observation: dict[str, Any]) -> tuple[float, float]:
         down, right = observation["agent_pos"][2:4]
         return float(right), float(down)
+
+    def moment(self, observation: dict[str, Any]) -> dict[str, Any]:
+        return {}
 
     def targets(self, task: str) -> list[tuple[float, float]]:
         return [(ROW_Y[row], GAP_CENTRES[row][gap]) for row, gap in enumerate(parse_mode(task))]

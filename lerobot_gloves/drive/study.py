@@ -127,7 +127,7 @@ class Study:
             number = self._index + (not self._over)
             study = {"episode": number, "of": len(self._folder.trials), "results": self._results}
             self._about, self._told = {**snapshot.about, "settings": None, "study": study}, known
-        secret = {"executed": (0.0, 0.0), "edited": False, "p": None}
+        secret = {"executed": (0.0, 0.0, 0.0), "edited": False, "p": None}
         notice = snapshot.state["notice"] or self._notice
         trail = tuple((right, down, False) for right, down, _ in snapshot.trail)
         return Snapshot(self._about, {**snapshot.state, **secret, "notice": notice}, trail, snapshot.picture)

@@ -45,7 +45,7 @@ class Finish:
     def results(self, episodes: list[StagedEpisode]) -> dict[str, Any]:
         """The table's cells and the picture, for the page."""
         found = [
-            driven(trial.seed, episode, self._place)
+            driven(trial.seed, episode, self._place, self.view.arrow)
             for trial, episode in zip(self.folder.trials, episodes, strict=True)
         ]
         table = study_table(found, self.env.fps)

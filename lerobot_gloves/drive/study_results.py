@@ -51,16 +51,22 @@ class Driven:
     path: list[tuple[float, float]]
 
 
-def driven(seed: int, episode: StagedEpisode, place: Callable[[dict[str, Any]], tuple[float, float]]) -> Driven:
+def driven(
+    seed: int,
+    episode: StagedEpisode,
+    place: Callable[[dict[str, Any]], tuple[float, float]],
+    arrow: Callable[[np.ndarray], tuple[float, float, float]],
+) -> Driven:
     """What a study's table says of an episode.
 
     Args:
         seed: Of its environment.
         episode: What is kept of it.
         place: From the frame of a step, under a dataset's keys, to where what is steered is.
+        arrow: From an action (A,) to where the stick would be for it, zero for standing still.
     """
     frames = episode.frames
-    commanded = frames[COMMANDED]
+    commanded = np.array([arrow(command) for command in frames[COMMANDED]])
     before = np.vstack([np.zeros_like(commanded[:1]), commanded[:-1]])
     return Driven(
         seed,

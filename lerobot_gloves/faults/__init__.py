@@ -11,6 +11,7 @@ from lerobot_gloves.faults.agents import FAULTS, RandomisedAgents
 from lerobot_gloves.faults.direction import Held, Rotated
 from lerobot_gloves.faults.fault import CONSTANT, Fault, Range, Units
 from lerobot_gloves.faults.noise import Drift, Noise
+from lerobot_gloves.faults.person import Driven
 from lerobot_gloves.faults.size import Chatter, DeadZone, Offset, Quantised, Scale
 from lerobot_gloves.faults.timing import Delay, Dropped, Replay
 
@@ -21,6 +22,7 @@ __all__ = [
     "DeadZone",
     "Delay",
     "Drift",
+    "Driven",
     "Dropped",
     "Fault",
     "Held",

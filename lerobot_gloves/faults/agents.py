@@ -9,12 +9,14 @@ from torch import Tensor
 from lerobot_gloves.faults.direction import Held, Rotated
 from lerobot_gloves.faults.fault import Fault, Units
 from lerobot_gloves.faults.noise import Drift, Noise
+from lerobot_gloves.faults.person import Driven
 from lerobot_gloves.faults.size import Chatter, DeadZone, Offset, Quantised, Scale
 from lerobot_gloves.faults.timing import Delay, Dropped, Replay
 from lerobot_gloves.generators import rand
 
 FAULTS: dict[str, type[Fault]] = {
     "held": Held,
+    "driven": Driven,
     "rotated": Rotated,
     "scale": Scale,
     "offset": Offset,

@@ -40,7 +40,7 @@ def test_what_the_page_sends_is_understood(text):
         ('{"type": "fly"}', "type must be one of command, settings, begin, take"),
         ('{"type": ["take"]}', "type must be one of"),
         ('{"type": "take", "by": 1}', "take has the fields of none"),
-        ('{"type": "command", "x": 1}', "has the fields x, y"),
+        ('{"type": "command", "x": 1}', "has the fields grip, x, y, z"),
         ('{"type": "command", "x": NaN, "y": 0}', "must hold finite numbers, not NaN"),
         ('{"type": "command", "x": -Infinity, "y": 0}', "not -Infinity"),
         ('{"type": "command", "x": 1e999, "y": 0}', "x must lie between -1 and 1"),
@@ -113,5 +113,5 @@ def test_a_watcher_cannot_drive_choose_or_begin():
     desk.receive(driver, '{"type": "command", "x": 0.25, "y": 0}')
     for text in VALID:
         assert desk.receive(watcher, text)
-    assert driven.stick.position == (0.25, 0.0) and driven.asked == [] and desk.seats.driver is driver
+    assert driven.stick.position == (0.25, 0.0, 0.0, 0.0) and driven.asked == [] and desk.seats.driver is driver
     assert set(watcher.lines) == {"only the page that drives may do that"} and watcher.refused == 3

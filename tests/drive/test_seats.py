@@ -27,7 +27,7 @@ def test_who_watches_and_leaves_does_not_stop_the_robot(seats):
     seats._stick.move(1.0, 0.0)
     seats.leave(watcher)
     seats.leave(watcher)
-    assert seats._stick.position == (1.0, 0.0)
+    assert seats._stick.position == (1.0, 0.0, 0.0, 0.0)
 
 
 def test_a_page_that_reconnects_drives_on_while_its_old_connection_still_seems_alive(seats):

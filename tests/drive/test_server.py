@@ -100,7 +100,7 @@ def test_the_first_page_drives_a_second_one_watches_and_takes_over_once_it_may(s
             assert site.told(watcher, "error")["line"] == "only the page that drives may do that"
             assert site.driven.stick.position == CENTRE
             driver.send('{"type": "command", "x": 0.5, "y": 0}')
-            until(lambda: site.driven.stick.position == (0.5, 0.0))
+            until(lambda: site.driven.stick.position == (0.5, 0.0, 0.0, 0.0))
             driver.close()
             assert site.told(watcher, "role") == {"type": "role", "drives": False, "free": True}
             assert site.driven.stick.position == CENTRE
@@ -119,7 +119,7 @@ def test_a_page_that_connects_anew_drives_on(site):
 def test_nan_is_refused_in_one_line_and_stops_the_robot(site):
     with site.open() as ws:
         ws.send('{"type": "command", "x": 1, "y": 0}')
-        until(lambda: site.driven.stick.position == (1.0, 0.0))
+        until(lambda: site.driven.stick.position == (1.0, 0.0, 0.0, 0.0))
         ws.send('{"type": "command", "x": NaN, "y": 0}')
         assert site.told(ws, "error")["line"] == "a message must hold finite numbers, not NaN"
         assert site.driven.stick.position == CENTRE

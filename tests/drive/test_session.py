@@ -88,8 +88,8 @@ def test_without_assistance_the_command_is_executed_scaled_and_nothing_else(env,
         tip = bare.step(action)[0]["agent_pos"][2:]
         assert state["place"] == (float(tip[1]), float(tip[0])) and not state["edited"]
     assert [state["step"] for state in states] == list(range(1, 16))
-    assert any(0 < state["p"] <= 1 for state in states if state["sent"] != (0, 0))  # the gate says what it thinks
-    np.testing.assert_allclose([state["executed"] for state in states], STICKS, atol=1e-6)
+    assert any(0 < state["p"] <= 1 for state in states if any(state["sent"]))  # the gate says what it thinks
+    np.testing.assert_allclose([state["executed"][:2] for state in states], STICKS, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["gloves_expert_flow", "gloves_copilot", "ddpm_assist", "csa_assist"])
@@ -177,7 +177,7 @@ def test_a_corridor_is_completed_by_commands():
         expert.reset("0 1 1")
         for _ in range(300):
             seen = {key: value[0] for key, value in driven.session._observation.items()}
-            right, up = VIEW.arrow(expert.act(seen))
+            right, up, _ = VIEW.arrow(expert.act(seen))
             (state,) = driven.drive((min(max(right, -1), 1), min(max(up, -1), 1)))
             if state["phase"] != "driving":
                 break

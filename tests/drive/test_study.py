@@ -105,7 +105,7 @@ def test_the_pages_cannot_know_which_it_is(finished):
     for studied in finished[1]:
         for snapshot in studied.snapshots:
             told = {key: snapshot.state[key] for key in ("executed", "edited", "p")}
-            assert told == {"executed": (0.0, 0.0), "edited": False, "p": None}
+            assert told == {"executed": (0.0, 0.0, 0.0), "edited": False, "p": None}
             assert snapshot.about["settings"] is None and not any(edited for *_, edited in snapshot.trail)
             if snapshot.about["study"]["results"] is None:
                 assert "assist" not in json.dumps([snapshot.about, snapshot.state])
@@ -178,7 +178,9 @@ def test_commands_are_changes_to_another_that_is_not_to_stand_still():
     commanded = np.float32([[1, 0], [1, 0], [0, 0], [1, 0], [0, 1], [0, 0]])
     facts = {"assisted": np.ones((6, 1)), "edited": np.float32([[1], [1], [0], [1], [0], [0]])}
     frames = {"action": commanded, "commanded": commanded, "at": np.arange(6.0), **facts}
-    found = driven(3, StagedEpisode(frames, "task"), lambda frame: (float(frame["at"]), 0.0))
+    found = driven(
+        3, StagedEpisode(frames, "task"), lambda frame: (float(frame["at"]), 0.0), lambda action: (*action, 0.0)
+    )
     assert (found.commands, found.edited, found.success, found.path[-1]) == (3, 0.5, True, (5.0, 0.0))
 
 

@@ -29,7 +29,7 @@ def test_a_command_holds_for_less_than_300_ms():
     assert stick.position == CENTRE
     stick.move(0.5, -1.0)
     clock.now += 0.299
-    assert stick.position == (0.5, -1.0)
+    assert stick.position == (0.5, -1.0, 0.0, 0.0)
     clock.now += 0.002
     assert stick.position == CENTRE
     stick.move(0.5, -1.0)

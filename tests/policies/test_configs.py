@@ -32,6 +32,8 @@ TYPES = {
 }
 OURS = {"copilot"}
 """Of these, what the paper does not have."""
+PERSONS = "copilot_person"
+"""The copilot for a person at the controls, which no benchmark plays."""
 FLOW = {"context_dim": 256, "width": 128, "mlp_ratio": 4}
 ALIGN = {"context_dim": 512, "width": 512, "mlp_ratio": 2}
 MODEL = {
@@ -93,8 +95,23 @@ def read(typed, tmp_path):
 
 def test_no_file_is_left_out():
     assert {file.name for file in (CONFIGS / "own").iterdir()} == {"state.yaml", "cameras.yaml"}
-    for scale, kinds in (("cpu", set(TYPES)), ("paper", TYPES.keys() - OURS)):
+    for scale, kinds in (("cpu", {*TYPES, PERSONS}), ("paper", TYPES.keys() - OURS)):
         assert {file.name for file in (CONFIGS / scale).iterdir()} == {f"{kind}.yaml" for kind in kinds}
+
+
+def test_the_copilot_for_people_differs_by_what_people_do(typed, tmp_path):
+    file, other = (yaml.safe_load((CONFIGS / "cpu" / f"{name}.yaml").read_text()) for name in (PERSONS, "copilot"))
+    theirs = {"decision_every": 1, "history": 10, "faults": ["driven"], "healthy": 0.1}
+    assert file == other | {"policy": other["policy"] | theirs}
+
+    @parser.wrap()
+    def lerobot_train(cfg: TrainPipelineConfig) -> TrainPipelineConfig:
+        cfg.validate()
+        return cfg
+
+    path = CONFIGS / "cpu" / f"{PERSONS}.yaml"
+    typed(f"--config_path={path}", "--dataset.repo_id=me/mine", f"--output_dir={tmp_path / 'new'}")
+    assert lerobot_train().policy.action_delta_indices == list(range(-10, 10))  # half a second back
 
 
 @pytest.mark.parametrize("name", ["state", "cameras"])

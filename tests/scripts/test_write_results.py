@@ -16,7 +16,9 @@ def test_the_pages_follow_from_the_rows(tmp_path):
         matplotlib.rcdefaults()
         write_results.main(tmp_path)
     pages = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
-    assert len(pages) == 1 + len(write_results.TASKS) + 1 + 1, "overview, tasks, other measurements, picture"
+    assert len(pages) == 1 + len(write_results.TASKS) + 1 + 1 + 1, (
+        "overview, tasks, drivers, other measurements, picture"
+    )
     for page in pages:
         written, there = ((folder / page).read_text().splitlines() for folder in (tmp_path, DOCS))
         different = [pair for pair in zip(written, there, strict=False) if pair[0] != pair[1]]

@@ -58,7 +58,7 @@ export function top(canvas, scene, about, trail, state) {
     context.stroke();
   }
   context.fillStyle = colour("obstacle");
-  for (const [x, y, radius] of scene.circles) {
+  for (const [x, y, radius] of [...scene.circles, ...(state.objects || [])]) {
     context.beginPath();
     context.arc(...at([x, y]), radius * scale, 0, 7);
     context.fill();
@@ -68,15 +68,23 @@ export function top(canvas, scene, about, trail, state) {
   context.font = "600 13px system-ui, sans-serif";
   context.textAlign = "center";
   context.textBaseline = "middle";
-  about.targets.forEach((place, i) => {
-    const [x, y] = at(place);
+  const numbers = new Map(); // what is to be reached twice has both numbers
+  about.targets.forEach((place, i) => numbers.set(`${place}`, [...(numbers.get(`${place}`) || []), i + 1]));
+  for (const [place, which] of numbers) {
+    const [x, y] = at(place.split(",").map(Number));
     context.beginPath();
-    context.arc(x, y, 0.03 * scale, 0, 7);
+    context.arc(x, y, scene.target_radius * scale, 0, 7);
     context.setLineDash([4, 4]);
     context.stroke();
     context.setLineDash([]);
-    context.fillText(i + 1, x, y);
-  });
+    if (about.targets.length > 1) context.fillText(which.join(", "), x, y);
+  }
+  if (state.due) {
+    context.lineWidth = 5;
+    context.beginPath();
+    context.arc(...at(state.due), scene.target_radius * scale, 0, 7);
+    context.stroke();
+  }
   context.lineWidth = 3;
   for (let i = 1; i < trail.length; i++) {
     context.strokeStyle = colour(trail[i][2] ? "executed" : "faint");
@@ -93,6 +101,37 @@ export function top(canvas, scene, about, trail, state) {
   const length = 0.16 * width;
   arrow(context, here, state.executed, length, colour("executed"), 6, []);
   arrow(context, here, state.sent, length, colour("sent"), 3, [7, 5]);
+  if (scene.height) gauge(context, scene.height, state, height, length, colour);
+}
+
+// How high what is steered is, at the left edge: the higher the bar, the higher it is.
+function gauge(context, { range: [low, high], marks }, state, height, length, colour) {
+  const x = 14;
+  const up = (z) => height - 12 - (height - 24) * Math.min(1, Math.max(0, (z - low) / (high - low)));
+  context.strokeStyle = colour("rule");
+  context.lineWidth = 4;
+  context.beginPath();
+  context.moveTo(x, up(low));
+  context.lineTo(x, up(high));
+  context.stroke();
+  context.font = "12px system-ui, sans-serif";
+  context.textAlign = "left";
+  context.fillStyle = colour("faint");
+  context.lineWidth = 2;
+  for (const [name, z] of Object.entries({ ...marks, ...(state.heights || {}) })) {
+    context.beginPath();
+    context.moveTo(x - 7, up(z));
+    context.lineTo(x + 7, up(z));
+    context.stroke();
+    context.fillText(name, x + 11, up(z));
+  }
+  const here = [x, up(state.height)];
+  context.fillStyle = colour("ink");
+  context.beginPath();
+  context.arc(...here, 6, 0, 7);
+  context.fill();
+  arrow(context, here, [0, state.executed[2]], 0.4 * length, colour("executed"), 6, []);
+  arrow(context, here, [0, state.sent[2]], 0.4 * length, colour("sent"), 3, [5, 4]);
 }
 
 export function strip(canvas, states, settings, rate) {

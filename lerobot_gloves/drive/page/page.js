@@ -46,6 +46,9 @@ function hear(message) {
     states = [];
     lost = "";
     at("fault").replaceChildren(...scene.faults.map((name) => new Option(name, name)));
+    for (const name of ["height", "grip"]) at(name).hidden = !scene.keys.includes(name);
+    steer.begin(scene.keys);
+    tellFingers(false);
     at("ungated").textContent = scene.ungated && `No gate: ${scene.ungated}.`;
   } else if (message.type === "role") {
     role = message;
@@ -66,7 +69,10 @@ function hear(message) {
 }
 
 function step(next) {
-  if (state && next.episode !== state.episode) trail = [];
+  if (state && next.episode !== state.episode) {
+    trail = [];
+    tellFingers(steer.grip(false));
+  }
   if (state && (next.step !== state.step || next.episode !== state.episode)) trail.push([...next.place, next.edited]);
   state = next;
   states.push(state);
@@ -80,7 +86,7 @@ function step(next) {
   if (state.notice) at("notice").textContent = state.notice;
   const { p } = state;
   const judged = p === null ? "not judged" : p < 0.001 ? "p < 0.001" : `p = ${p.toFixed(3)}`;
-  const still = !state.sent[0] && !state.sent[1];
+  const still = !state.sent[0] && !state.sent[1] && !state.sent[2];
   at("reading").textContent = state.phase !== "driving" ? "Nothing is executed." : still ? "Standing still."
     : `${state.edited ? "Edited" : "Executed as sent"}, ${judged}.`;
   paint();
@@ -106,7 +112,7 @@ function tellRole() {
   const text = lost || (role.drives ? "You drive." : role.free ? "You watch; nobody drives." : "You watch; another page drives.");
   if (at("role").textContent !== text) at("role").textContent = text;
   at("take").hidden = !role.free || role.drives;
-  for (const one of [...at("settings").elements, at("again"), at("next")]) one.disabled = !role.drives;
+  for (const one of [...at("settings").elements, at("again"), at("next"), at("up"), at("down"), at("fingers")]) one.disabled = !role.drives;
   tellSettings();
 }
 
@@ -135,12 +141,24 @@ function choose() {
   });
 }
 
+function tellFingers(closed) {
+  at("fingers").textContent = closed ? "Open fingers (G)" : "Close fingers (G)";
+  at("fingers").setAttribute("aria-pressed", closed);
+}
+
+function fingers() {
+  if (role.drives && scene.keys.includes("grip")) steer.grip();
+  command();
+}
+
 function command() {
-  const [x, y] = steer.position();
+  const stick = steer.stick();
+  const { x, y, z } = stick;
+  tellFingers(stick.grip > 0);
   const radius = at("pad").clientWidth / 2 - 28;
   at("knob").style.transform = `translate(${x * radius}px, ${-y * radius}px)`;
-  at("pad").classList.toggle("still", !x && !y);
-  if (role.drives) say({ type: "command", x, y });
+  at("pad").classList.toggle("still", !x && !y && !z);
+  if (role.drives) say({ type: "command", ...stick });
 }
 
 function begin(episode) {
@@ -148,17 +166,19 @@ function begin(episode) {
   if (role.drives) say({ type: "begin", episode });
 }
 
-steer.install(at("pad"), command);
+steer.install(at("pad"), [[at("up"), 1], [at("down"), -1]], command);
 setInterval(command, EVERY);
 at("settings").addEventListener("input", choose);
 at("settings").addEventListener("submit", (event) => event.preventDefault());
 at("take").addEventListener("click", () => say({ type: "take" }));
 at("again").addEventListener("click", () => begin("again"));
 at("next").addEventListener("click", () => begin("next"));
+at("fingers").addEventListener("click", fingers);
 addEventListener("keydown", (event) => {
   if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select")) return;
   if (event.code === "KeyR") begin("again");
   if (event.code === "KeyN") begin("next");
+  if (event.code === "KeyG") fingers();
 });
 // Who has set something by mouse or touch goes on steering by keys, which a slider would take for itself.
 let pointer = false;
