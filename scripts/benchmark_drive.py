@@ -50,11 +50,11 @@ document.getElementById("camera").addEventListener("load", () => {
 
 
 @contextmanager
-def server(view: int) -> Iterator[tuple[psutil.Process, str]]:
+def server(view: int, *options: str) -> Iterator[tuple[psutil.Process, str]]:
     """The process of `gloves drive`, and its address."""
     command = [Path(sys.executable).with_name("gloves"), "drive", "--env.type=gloves_slalom"]
     with tempfile.NamedTemporaryFile("r") as log, Path(log.name).open("w") as stream:
-        started = subprocess.Popen([*command, "--port=0", f"--view={view}"], stdout=stream, stderr=stream)
+        started = subprocess.Popen([*command, "--port=0", f"--view={view}", *options], stdout=stream, stderr=stream)
         try:
             while not (found := re.search(r"open (http://\S+)", Path(log.name).read_text())):
                 if started.poll() is not None:
@@ -85,16 +85,25 @@ class Watcher(threading.Thread):
     """A page that watches: when steps come, and how many frames.
 
     Attributes:
-        phase: Of the episode, as last told.
+        about: What was last told of the episode.
+        state: What was last told of its step.
         gaps: Seconds between two steps of one episode, one after the other.
         frames: Pictures.
     """
 
     def __init__(self, address: str):
         super().__init__(daemon=True)
-        self.phase, self.gaps, self.frames = "", list[float](), 0
+        self.about, self.state = dict[str, Any](), {"phase": ""}
+        self.gaps, self.frames = list[float](), 0
+        self._news = threading.Event()
         self._socket = connect(address.replace("http", "ws") + "socket", max_size=None)
         self.start()
+
+    def next(self) -> dict[str, Any]:
+        """Wait for the next step, and what is told of it."""
+        self._news.clear()
+        self._news.wait(5)
+        return self.state
 
     def close(self) -> None:
         """Leave."""
@@ -108,9 +117,12 @@ class Watcher(threading.Thread):
                 self.frames += 1
                 continue
             told: dict[str, Any] = json.loads(message)
+            if told["type"] == "about":
+                self.about = told
             if told["type"] != "state":
                 continue
-            now, self.phase = time.monotonic(), told["phase"]
+            now, self.state = time.monotonic(), told
+            self._news.set()
             this = (told["episode"], told["step"], now)
             if before is not None and this[0] == before[0] and this[1] == before[1] + 1 > 1:
                 self.gaps.append(now - before[2])
@@ -118,11 +130,23 @@ class Watcher(threading.Thread):
                 before = this
 
 
+def press(driver: webdriver.Chrome, down: set[str], x: float, y: float) -> set[str]:
+    """Hold the arrows of a direction and let go of the others; those that are held now."""
+    sides = ((x > 0, Keys.ARROW_RIGHT), (x < 0, Keys.ARROW_LEFT), (y > 0, Keys.ARROW_UP), (y < 0, Keys.ARROW_DOWN))
+    wanted, chain = {key for held, key in sides if held}, ActionChains(driver, duration=0)
+    for key in down - wanted:
+        chain.key_up(key)
+    for key in wanted - down:
+        chain.key_down(key)
+    chain.perform()
+    return wanted
+
+
 def drive(driver: webdriver.Chrome, watcher: Watcher, seconds: float) -> None:
     """Press one arrow after the other, and begin again whenever an episode is over."""
     end, keys = time.monotonic() + seconds, [Keys.ARROW_LEFT, Keys.ARROW_RIGHT]
     while time.monotonic() < end:
-        if watcher.phase in ("success", "failure"):
+        if watcher.state["phase"] in ("success", "failure"):
             ActionChains(driver).send_keys("r").pause(0.2).perform()
         keys.reverse()
         ActionChains(driver).key_down(keys[0]).pause(HOLD).key_up(keys[0]).pause(HOLD).perform()

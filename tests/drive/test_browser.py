@@ -1,6 +1,7 @@
 """The pages in a real browser: Chromium, driven by Selenium, against `gloves drive` itself and a replay's file."""
 
 import shutil
+from types import SimpleNamespace
 
 import pytest
 from selenium import webdriver
@@ -9,7 +10,10 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.select import Select
 
+from lerobot_gloves.drive.driver import Driver, Skill
+from lerobot_gloves.drive.slalom import SlalomView
 from lerobot_gloves.report.replay_page import replay_html
+from scripts.benchmark_drive import Watcher, press
 from tests.drive.serving import served, until
 
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
@@ -93,6 +97,26 @@ def test_assistance_changes_what_is_executed(page):
     until(lambda: text(page, "reading").startswith("Edited"))
 
 
+def test_a_corridor_is_completed_by_keys(page, site):
+    """Pressed by a quick driver who sees the page, and may try again: other tests run beside it."""
+    assist(page, "off")
+    watcher, view = Watcher(site), SlalomView()
+    until(lambda: "task" in watcher.about)
+    seen = SimpleNamespace(place=lambda state: state["place"], steer=view.steer, targets=view.targets)
+    for attempt in range(3):
+        skill = Skill(reaction=(0.2, 0.0), foresees=1.0, thinks=0.1, misjudges=0.0, slips=0.0)
+        driver, down = Driver("gloves_slalom", seen, skill, attempt, watcher.about["task"]), set()
+        while watcher.next()["phase"] in ("ready", "driving"):
+            down = press(page, down, *driver.command(watcher.state)[:2])
+        press(page, down, 0, 0)
+        if watcher.state["phase"] == "success":
+            break
+        page.find_element(By.ID, "again").click()
+        until(lambda: watcher.next()["phase"] == "ready")
+    watcher.close()
+    assert text(page, "outcome").startswith("Success!")
+
+
 def test_a_second_page_watches(page, site):
     first = page.current_window_handle
     page.switch_to.new_window("tab")
@@ -148,6 +172,7 @@ def test_a_study_is_blind_and_ends_with_its_results(browser, tmp_path):
         until(lambda: browser.execute_script("return document.getElementById('paths').naturalWidth") > 0)
         until((tmp_path / "study" / "dataset" / "README.md").is_file)
         assert browser.get_log("browser") == []
+        browser.get("about:blank")  # else it tells of a server that is gone
 
 
 def test_a_replay_is_scrubbed_through_by_keys_from_the_disk(browser, tmp_path):
