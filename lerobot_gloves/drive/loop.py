@@ -7,6 +7,8 @@ from dataclasses import replace
 from lerobot_gloves.drive.pacing import paced
 from lerobot_gloves.drive.session import Driven, Snapshot
 
+MARGIN = 1.3
+"""Times the slowest frame of late that has to be left of a step for a frame: other programs want the cores as well."""
 PATIENCE = 5
 """After so many steps in a row without the time to draw, one is drawn all the same."""
 
@@ -35,11 +37,12 @@ def run(
     for due in paced(1 / rate, over, clock, sleep):
         snapshot = session.tick()
         began = clock()
-        if due - began > takes or left_out >= PATIENCE:
+        if due - began > MARGIN * takes or left_out >= PATIENCE:
             left_out = 0
             picture = session.draw()
             if picture is not snapshot.picture:
-                takes += (clock() - began - takes) * (0.2 if takes else 1.0)
+                took = clock() - began
+                takes = max(took, takes + 0.1 * (took - takes))  # the next one may be as slow as the slowest of late
                 snapshot = replace(snapshot, picture=picture)
         else:
             left_out += 1

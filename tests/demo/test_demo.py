@@ -9,7 +9,7 @@ from safetensors import safe_open
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.commands import demo as command
 from lerobot_gloves.commands.demo import DemoConfig, runs
-from lerobot_gloves.demo import COPILOT, EXPERT_FLOW, PACKAGED, TRIO, evaluation
+from lerobot_gloves.demo import COPILOT, EXPERT_FLOW, PACKAGED, PERSONS_COPILOT, TRIO, evaluation
 from lerobot_gloves.demo.evaluation import CHUNK_LOG
 from tests.builders import load, save_policy
 from tests.preloaded import server
@@ -19,8 +19,8 @@ def files(name: str) -> list[Path]:
     return sorted((PACKAGED / name).iterdir())
 
 
-@pytest.mark.parametrize("name", TRIO)
-def test_the_packaged_trio_is_small_whole_and_as_its_readme_says(name):
+@pytest.mark.parametrize("name", [*TRIO, PERSONS_COPILOT])
+def test_what_is_packaged_is_small_whole_and_as_its_readme_says(name):
     weights = [file for file in files(name) if file.suffix == ".safetensors"]
     assert sum(file.stat().st_size for file in weights) <= 2_000_000
     listed = dict(re.findall(r"^\| `(.+?)` \| \d+ \| `([0-9a-f]{64})` \|$", (PACKAGED / "README.md").read_text(), re.M))
@@ -30,8 +30,8 @@ def test_the_packaged_trio_is_small_whole_and_as_its_readme_says(name):
         assert not any(key.startswith("network.") for key in tensors.keys())  # noqa: SIM118
 
 
-@pytest.mark.parametrize("name", TRIO)
-def test_the_packaged_trio_names_no_place_of_a_machine(name):
+@pytest.mark.parametrize("name", [*TRIO, PERSONS_COPILOT])
+def test_what_is_packaged_names_no_place_of_a_machine(name):
     for file in files(name):
         assert not re.search(rb"\"[^\"\n]*(/home/|/root/|/tmp/|/work/|/Users/)", file.read_bytes()), file.name
 
