@@ -23,7 +23,8 @@ def files(name: str) -> list[Path]:
 def test_what_is_packaged_is_small_whole_and_as_its_readme_says(name):
     weights = [file for file in files(name) if file.suffix == ".safetensors"]
     assert sum(file.stat().st_size for file in weights) <= 2_000_000
-    listed = dict(re.findall(r"^\| `(.+?)` \| \d+ \| `([0-9a-f]{64})` \|$", (PACKAGED / "README.md").read_text(), re.M))
+    pages = "".join((PACKAGED / page).read_text() for page in ("README.md", "copilot_person.md"))
+    listed = dict(re.findall(r"^\| `(.+?)` \| \d+ \| `([0-9a-f]{64})` \|$", pages, re.M))
     here = {f"{name}/{file.name}": hashlib.sha256(file.read_bytes()).hexdigest() for file in files(name)}
     assert {path: digest for path, digest in listed.items() if path.startswith(f"{name}/")} == here
     with safe_open(PACKAGED / name / "model.safetensors", framework="pt") as tensors:
