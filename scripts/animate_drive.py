@@ -12,13 +12,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from animation import write_gif
 from benchmark_drive import Watcher, browser, press, server
 from PIL import Image
 from selenium.webdriver.common.by import By
 
 from lerobot_gloves.drive.driver import SKILLS, Driver
 from lerobot_gloves.drive.slalom import SlalomView
-from lerobot_gloves.system.files import whole
 
 EVERY, WIDTH, COLOURS = 0.25, 800, 64
 """Seconds between two frames, their width and colours: what stays below a megabyte."""
@@ -62,13 +62,7 @@ def main() -> None:
                 pass
             frames = drive(watcher, page, arguments.seed)
         watcher.close()
-    height = round(frames[0].height * WIDTH / frames[0].width)
-    small = [frame.resize((WIDTH, height), Image.Resampling.LANCZOS) for frame in frames]
-    palette = small[len(small) // 2].quantize(COLOURS)
-    drawn = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in small]
-    with whole(arguments.output) as file:
-        options: dict[str, Any] = {"append_images": drawn[1:], "duration": 1000 * EVERY, "loop": 0, "optimize": True}
-        drawn[0].save(file, format="GIF", save_all=True, **options)
+    write_gif(frames, arguments.output, EVERY, WIDTH, COLOURS)
 
 
 if __name__ == "__main__":
