@@ -2,7 +2,7 @@
 
 import io
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
 from typing import Any, Literal, Protocol
@@ -69,6 +69,15 @@ class Driven(Protocol):
     def tick(self) -> Snapshot: ...
 
     def draw(self) -> bytes: ...
+
+
+def drained[T](queue: SimpleQueue[T]) -> Iterator[T]:
+    """What a queue holds, taken out."""
+    while True:
+        try:
+            yield queue.get_nowait()
+        except Empty:
+            return
 
 
 class Session:
@@ -156,11 +165,7 @@ class Session:
         return self._picture
 
     def _obey(self) -> None:
-        while True:
-            try:
-                message = self._asked.get_nowait()
-            except Empty:
-                return
+        for message in drained(self._asked):
             if isinstance(message, Begin):
                 if message.episode == "next":
                     self._seed = self._first + int(self._rng.integers(1_000_000))

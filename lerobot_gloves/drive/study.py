@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,7 +10,7 @@ from lerobot.utils.constants import ACTION
 
 from lerobot_gloves.drive.assistance import Assistance
 from lerobot_gloves.drive.protocol import Begin, Settings
-from lerobot_gloves.drive.session import Session, Snapshot, Step
+from lerobot_gloves.drive.session import Session, Snapshot, Step, drained
 from lerobot_gloves.drive.study_folder import ASSISTED, COMMANDED, EDITED, StudyFolder
 from lerobot_gloves.recording.staging import StagedEpisode
 
@@ -84,11 +84,7 @@ class Study:
         return self._session.draw()
 
     def _obey(self) -> None:
-        while True:
-            try:
-                message = self._asked.get_nowait()
-            except Empty:
-                return
+        for message in drained(self._asked):
             if isinstance(message, Settings):
                 self._notice = "in a study nothing can be set"
             elif message.episode == "again" or not self._over:
