@@ -14,6 +14,8 @@ from lerobot.configs import PolicyFeature, PreTrainedConfig
 from lerobot_gloves.checkpoints.configuration import checkpoint_config
 from lerobot_gloves.perturbations import CHOICES, Perturbation
 
+from ..untrained import Untrained
+
 PASSTHROUGH = Path(str(files(__package__))) / "passthrough"
 """Saved processor pipelines that change nothing: what LeRobot loads around the wrapper."""
 
@@ -40,7 +42,7 @@ def library_perturbation(chosen: PerturbationConfig) -> Perturbation:
 
 @PreTrainedConfig.register_subclass("gloves")
 @dataclass
-class GlovesConfig(PreTrainedConfig):
+class GlovesConfig(Untrained, PreTrainedConfig):
     """An agent, and the adapter that corrects it.
 
     The same three ways as for any policy: `--policy.path=AGENT --policy.wrap=gloves`, `--policy.type=gloves
@@ -88,6 +90,9 @@ class GlovesConfig(PreTrainedConfig):
     log_actions: bool = False
     # Milliseconds between two actions of the program that runs the wrapper; no option, see `note_control_period`.
     control_period: ClassVar[float | None] = None
+    instead: ClassVar[str] = (
+        "gloves wraps a policy for evaluation; train an adapter, such as --policy.type=gloves_expert_flow"
+    )
     push_to_hub: bool = False  # A wrapper is not trained, so there is nothing to push by itself.
 
     def __post_init__(self) -> None:
@@ -139,29 +144,6 @@ class GlovesConfig(PreTrainedConfig):
         if name == "pretrained_path" and value is not None and agent is not None and Path(value) == Path(agent):
             value = PASSTHROUGH
         super().__setattr__(name, value)
-
-    def validate_features(self) -> None:
-        pass
-
-    def get_optimizer_preset(self) -> Any:
-        raise ValueError(
-            "gloves wraps a policy for evaluation; train an adapter, such as --policy.type=gloves_expert_flow"
-        )
-
-    def get_scheduler_preset(self) -> None:
-        return None
-
-    @property
-    def observation_delta_indices(self) -> None:
-        return None
-
-    @property
-    def action_delta_indices(self) -> None:
-        return None
-
-    @property
-    def reward_delta_indices(self) -> None:
-        return None
 
 
 def note_control_period(command: Any) -> None:

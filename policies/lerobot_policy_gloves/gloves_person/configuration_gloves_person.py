@@ -1,15 +1,19 @@
 """Settings of a person at the controls."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 from lerobot.configs import PreTrainedConfig
+
+from ..untrained import Untrained
 
 
 @PreTrainedConfig.register_subclass("gloves_person")
 @dataclass
-class GlovesPersonConfig(PreTrainedConfig):
+class GlovesPersonConfig(Untrained, PreTrainedConfig):
     """A person, who commands one action at a time, as a policy that a wrapper corrects."""
+
+    instead: ClassVar[str] = "a person is not trained: train an adapter, such as --policy.type=gloves_copilot"
 
     # How many actions long a proposal is: the command, held.
     chunk_size: int = 10
@@ -28,24 +32,3 @@ class GlovesPersonConfig(PreTrainedConfig):
     def n_action_steps(self) -> int:
         """One: the next action is the next command's."""
         return 1
-
-    def validate_features(self) -> None:
-        pass
-
-    def get_optimizer_preset(self) -> Any:
-        raise ValueError("a person is not trained: train an adapter, such as --policy.type=gloves_copilot")
-
-    def get_scheduler_preset(self) -> None:
-        return None
-
-    @property
-    def observation_delta_indices(self) -> None:
-        return None
-
-    @property
-    def action_delta_indices(self) -> None:
-        return None
-
-    @property
-    def reward_delta_indices(self) -> None:
-        return None
