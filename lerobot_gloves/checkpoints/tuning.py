@@ -20,7 +20,7 @@ METHODS: Mapping[str, Sequence[str]] = {
     "copilot": [f"copilot:limit={limit}" for limit in (0.2, 0.4, 0.8, -1.0)],
 }
 """What is tried of each editor; of another one its defaults."""
-ALPHAS = (0.05, 0.1, 0.2, 0.5)
+ALPHAS = (0.05, 0.1, 0.2, 0.3, 0.5)
 ASKED = 0.05
 """Level of the test that an editor asks."""
 MOST_CHANGE = 0.2

@@ -4,13 +4,14 @@ import secrets
 import shlex
 import socket
 import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from lerobot.configs import parser
-from lerobot.envs import EnvConfig
+from lerobot.envs import EnvConfig, preprocess_observation
 
 from lerobot_gloves.commands.assisting import AssistanceConfig
 from lerobot_gloves.commands.errors import one_line_errors
@@ -20,10 +21,11 @@ from lerobot_gloves.drive.assistance import Assistance, load_assistance
 from lerobot_gloves.drive.board import Board
 from lerobot_gloves.drive.desk import Desk
 from lerobot_gloves.drive.loop import run
-from lerobot_gloves.drive.session import Driven, Session
+from lerobot_gloves.drive.session import Driven, Session, Step
 from lerobot_gloves.drive.view import View, view_of
 from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.seeds import ALL
+from lerobot_gloves.system.display import Display
 from lerobot_gloves.system.errors import one_line
 
 SHIPPED = {"gloves_slalom": PACKAGED / PERSONS_COPILOT}
@@ -56,6 +58,13 @@ class DriveConfig:
     study: int | None = None
     # Folder of the study: its episodes, results and dataset. Run again, it goes on where it stopped.
     output_dir: Path | None = None
+    # Whether to show every step in rerun, LeRobot's viewer: observation, your command, the executed action, score and
+    # p-value.
+    display_data: bool = False
+    # Address of a viewer that runs already; by default one is opened here.
+    display_ip: str | None = None
+    # Port of that viewer.
+    display_port: int | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65535:
@@ -96,6 +105,8 @@ def drive(config: DriveConfig) -> None:
         assistance = load_assistance(config.env, options, view.faults, device)
         assistance.choose(replace(assistance.settings, fault=config.fault))
         session, board = Session(env, view, assistance, config.seed), Board()
+        if config.display_data:
+            session.watchers.append(shown_in(Display(config.display_ip, config.display_port)))
         driven = session if config.study is None else _study(config, session, view, assistance, options)
         scene = {
             **view.scene,
@@ -126,6 +137,16 @@ def _study(
     how: dict[str, Any] = {"root": config.output_dir, "episodes": config.study, "seed": config.seed}
     typed = " ".join([sys.argv[0], *map(shlex.quote, sys.argv[1:])])
     return open_study(config.env, session, view, assistance, **how, options=options, command=typed)
+
+
+def shown_in(display: Display) -> Callable[[Step], None]:
+    """Shows every step of a session in LeRobot's viewer: the command as proposal, and what became of it."""
+
+    def show(step: Step) -> None:
+        command, executed = (torch.from_numpy(action)[None] for action in (step.command, step.acted.action))
+        display.show(preprocess_observation(step.observation), command, executed, step.acted.known)
+
+    return show
 
 
 def listening(host: str, port: int) -> socket.socket:

@@ -1,7 +1,7 @@
 """The wrapper around a person: what becomes of a command under the assistance, and the fault, of the moment."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
@@ -28,12 +28,17 @@ class Acted:
     Attributes:
         action: What is to be executed, raw, (A,), float32.
         edited: Whether the proposal was edited.
-        p_value: Its conformal p-value, None without a calibrated score.
+        known: What else is known of it, see `Correction.known`.
     """
 
     action: np.ndarray
     edited: bool = False
-    p_value: float | None = None
+    known: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def p_value(self) -> float | None:
+        """Its conformal p-value, None without a calibrated score."""
+        return self.known.get("p_value")
 
 
 class Fault(Perturbation):
@@ -140,16 +145,15 @@ class Assistance:
         with torch.inference_mode(), self._agent.autocast:
             action = self._agent.finish(self._policy.select_action(batch))[0].cpu()
         correction, proposal = self._policy.correction, self._fault.proposal
+        known = {} if correction is None else correction.known
         if correction is None or not bool(correction.edited[0]):
-            known = correction is not None and correction.p_value is not None
-            return Acted(action.numpy(), p_value=float(correction.p_value[0]) if known else None)
+            return Acted(action.numpy(), known=known)
         assert proposal is not None
         if self.settings.limit < UNLIMITED:
             largest = self.settings.limit * torch.from_numpy(env.single_action_space.high)  # type: ignore[attr-defined]
             proposed = proposal[0, 0].cpu()
             action = proposed + (action - proposed).clamp(-largest, largest)
-        p_value = None if correction.p_value is None else float(correction.p_value[0])
-        return Acted(action.numpy(), edited=True, p_value=p_value)
+        return Acted(action.numpy(), edited=True, known=known)
 
 
 def load_assistance(

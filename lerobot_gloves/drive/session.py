@@ -88,7 +88,7 @@ class Session:
 
     Attributes:
         stick: What the person commands.
-        watch: Called with every step of an episode, by `tick`.
+        watchers: Called with every step of an episode, by `tick`.
 
     Args:
         env: One environment.
@@ -107,7 +107,7 @@ class Session:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.stick = Stick(clock)
-        self.watch: Callable[[Step], None] = lambda step: None
+        self.watchers: list[Callable[[Step], None]] = []
         self._env, self._view, self._assistance = env, view, assistance
         self._rng, self._first, self._seed = np.random.default_rng(seed), seed, seed
         self._asked: SimpleQueue[Settings | Begin] = SimpleQueue()
@@ -214,7 +214,9 @@ class Session:
         elif terminated[0] or truncated[0]:
             failure = str(fact(info, "failure", 0, "")) or "timeout"
             self._phase, self._ending = "failure", self._view.ending(failure)
-        self.watch(Step(seen, command, acted, self._phase != "driving", failure))
+        step = Step(seen, command, acted, self._phase != "driving", failure)
+        for watch in self.watchers:
+            watch(step)
         return acted
 
     def _place(self) -> tuple[float, float]:

@@ -62,7 +62,7 @@ class Study:
         self._told: tuple[Any, int] | None = None
         self._results: dict[str, Any] | None = None
         self._index = folder.done
-        session.watch = self._watch
+        session.watchers.append(self._watch)
         self._begin()
 
     def ask(self, message: Settings | Begin) -> None:

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from lerobot_gloves.adapter import pad
+from lerobot_gloves.commands.drive import shown_in
 from lerobot_gloves.drive.assistance import load_assistance
 from lerobot_gloves.drive.protocol import Begin, Settings
 from lerobot_gloves.drive.session import Session
@@ -15,10 +16,12 @@ from lerobot_gloves.drive.slalom import SPEED
 from lerobot_gloves.drive.view import view_of
 from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.generators import spawn
+from lerobot_gloves.system.display import Display
 from lerobot_gloves.tasks.slalom import SlalomEnv
 from lerobot_gloves.tasks.slalom.expert import SlalomExpert
 from tests.builders import FLOW, calibrate, load, save_policy
 from tests.policies.csa import make_csa, save_teacher
+from tests.viewer import Viewer
 
 CONFIG = SlalomEnv(episode_length=60, image_size=64)
 VIEW = view_of(CONFIG)
@@ -90,6 +93,20 @@ def test_without_assistance_the_command_is_executed_scaled_and_nothing_else(env,
     assert [state["step"] for state in states] == list(range(1, 16))
     assert any(0 < state["p"] <= 1 for state in states if any(state["sent"]))  # the gate says what it thinks
     np.testing.assert_allclose([state["executed"][:2] for state in states], STICKS, atol=1e-6)
+
+
+def test_a_display_is_told_command_executed_action_score_and_p_value(env, flow, monkeypatch):
+    viewer, driven = Viewer(monkeypatch), Driven(env, adapter=flow, method="feeg:start=0.5")
+    driven.settle(assistance="gate", alpha=0.5)
+    driven.session.watchers.append(shown_in(Display()))
+    states = driven.drive(*STICKS)
+    acted = [step["action"] for step in viewer.shown]
+    assert [one["proposed"].tolist() for one in acted] == [VIEW.steer(*stick).tolist() for stick in STICKS]
+    np.testing.assert_array_equal([one["executed"] for one in acted], driven.executed)
+    told = [step["observation"] for step in viewer.shown]
+    moved = [any(state["sent"]) for state in states]
+    assert [one.get("gloves.p_value") for one in told] == [state["p"] for state in states]
+    assert ["gloves.score" in one for one in told] == moved and all("observation.state" in one for one in told)
 
 
 @pytest.mark.parametrize("kind", ["gloves_expert_flow", "gloves_copilot", "ddpm_assist", "csa_assist"])

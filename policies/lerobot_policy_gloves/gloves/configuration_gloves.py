@@ -88,6 +88,13 @@ class GlovesConfig(Untrained, PreTrainedConfig):
     log: Path | None = None
     # Whether these lines also hold the proposed and the executed actions, raw.
     log_actions: bool = False
+    # Whether to show the first environment's steps in rerun, LeRobot's viewer: observation, proposed and executed
+    # action, score and p-value.
+    display_data: bool = False
+    # Address of a viewer that runs already; by default one is opened here.
+    display_ip: str | None = None
+    # Port of that viewer.
+    display_port: int | None = None
     # Milliseconds between two actions of the program that runs the wrapper; no option, see `note_control_period`.
     control_period: ClassVar[float | None] = None
     instead: ClassVar[str] = (

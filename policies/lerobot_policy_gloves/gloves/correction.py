@@ -49,6 +49,13 @@ class Correction:
     evaluations: Tensor
     milliseconds: float
 
+    @property
+    def known(self) -> dict[str, float]:
+        """What is known of the first proposal, by name: its score and p-value, if there are any, and `edited`."""
+        scored = {"score": self.score, "p_value": self.p_value}
+        found = {name: float(value[0]) for name, value in scored.items() if value is not None}
+        return {**found, "edited": float(self.edited[0])}
+
     def spread(self, proposal: Tensor, rows: Tensor) -> "Correction":
         """The same for B proposals (B, n, A) of which only `rows`, bool (B,), were corrected; the others pass."""
 

@@ -2,26 +2,23 @@
 
 import copy
 import logging
-import shutil
 import weakref
 from collections import deque
-from pathlib import Path
 from typing import Any, cast
 
 import torch
 import torch.nn.functional as F
-from lerobot.configs import PreTrainedConfig
-from lerobot.policies.pretrained import PreTrainedPolicy
 from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.checkpoints.loading import load_policy
 from lerobot_gloves.generators import Episodes, spawn
 from lerobot_gloves.perturbations import Perturbation
+from lerobot_gloves.system.display import Display
 from lerobot_gloves.tasks.configuration import ClippedAction
 
 from .activity import start_line
-from .configuration_gloves import PASSTHROUGH, GlovesConfig
+from .configuration_gloves import GlovesConfig
 from .correction import Correction, Corrector
 from .decoding import Decoder
 from .finite import check_finite
@@ -29,6 +26,7 @@ from .journal import Journal
 from .plan import Plan
 from .proposals import ChunkTap, Proposal
 from .realtime import LeftOver
+from .saved import SavedWrapper
 
 logger = logging.getLogger(__name__)
 
@@ -36,7 +34,7 @@ NOTHING = Plan(torch.empty(0, 0, 0), executed=0, step=0)
 """The plan before an episode's first."""
 
 
-class GlovesPolicy(PreTrainedPolicy):
+class GlovesPolicy(SavedWrapper):
     """An agent whose proposals an adapter corrects.
 
     The agent is asked for an action at every step, so that its own queues and histories go on as without a wrapper. The
@@ -52,9 +50,6 @@ class GlovesPolicy(PreTrainedPolicy):
         running: Which environments' episodes still run, bool (B,), set before `select_action` by a caller who knows:
             then only their proposals are corrected. None: all are, until the next `reset`.
     """
-
-    config_class = GlovesConfig
-    name = "gloves"
 
     def __init__(self, config: GlovesConfig, **_: object):
         super().__init__(config)
@@ -76,37 +71,12 @@ class GlovesPolicy(PreTrainedPolicy):
             self._corrector.bounds = None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
         self._journal = Journal(config.log, config.control_period, config.log_actions)
+        self._display = Display(config.display_ip, config.display_port) if config.display_data else None
         self._episodes = Episodes()
         if self._corrector is not None and logger.isEnabledFor(logging.INFO):  # who silences the one wants no other
             logger.info(start_line(config, self._corrector))
             weakref.finalize(self, self._journal.report)  # at the latest when the program ends
         self.reset()
-
-    @classmethod
-    def from_pretrained(
-        cls,
-        pretrained_name_or_path: str | Path,
-        *,
-        config: PreTrainedConfig | None = None,
-        revision: str | None = None,
-        **_: object,
-    ) -> "GlovesPolicy":
-        """A saved wrapper is its configuration; agent and adapter are loaded from where it says."""
-        config = config or PreTrainedConfig.from_pretrained(pretrained_name_or_path, revision=revision)
-        if not isinstance(config, GlovesConfig):  # a server loads what its client names
-            raise ValueError(f"{pretrained_name_or_path} is a policy of type {config.type!r}, no saved wrapper")
-        return cls(config).eval()
-
-    def _save_pretrained(self, save_directory: Path, state_dict: dict[str, Tensor] | None = None) -> None:
-        saved = copy.copy(self.config)
-        saved.pretrained_path = None
-        for name in ("agent", "adapter"):
-            checkpoint = getattr(saved, name)
-            if checkpoint is not None and Path(checkpoint).is_dir():
-                setattr(saved, name, str(Path(checkpoint).resolve()))  # wherever the wrapper will be used from
-        saved._save_pretrained(save_directory)
-        for pipeline in PASSTHROUGH.glob("*.json"):
-            shutil.copy(pipeline, save_directory)
 
     def bound_actions(self, low: Tensor, high: Tensor) -> None:
         """Keep edited actions inside an environment's action space, told by a caller who knows it.
@@ -171,8 +141,12 @@ class GlovesPolicy(PreTrainedPolicy):
         if not self._action_queue:
             window, due = self._plan.take(self._covered)
             self._action_queue.extend(self._correct(batch, window)[:, :due].unbind(dim=1))
+        action = self._action_queue.popleft()
+        if self._display is not None:
+            proposed = self._plan.actions[:, self._step - self._plan.step]
+            self._display.show(batch, proposed, action, {} if self.correction is None else self.correction.known)
         self._step += 1
-        return self._action_queue.popleft()
+        return action
 
     @property
     def executed(self) -> int:
@@ -181,7 +155,9 @@ class GlovesPolicy(PreTrainedPolicy):
 
     @property
     def unread(self) -> int:
-        """For how many of the next steps neither the agent nor the adapter reads what the environments show."""
+        """For how many of the next steps nobody reads what the environments show: agent, adapter, or a display."""
+        if self._display is not None:
+            return 0
         return max(0, min(self._tap.unread, len(self._action_queue)))
 
     @property
@@ -281,6 +257,9 @@ class GlovesPolicy(PreTrainedPolicy):
             window, due = self._plan.take(self._covered)
             corrected = self._correct(batch, window)
             returned = torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
+        if self._display is not None:
+            known: dict[str, float] = {} if self.correction is None else self.correction.known
+            self._display.show(batch, window[:, 0], returned[:, 0], known)
         self._returned = returned[0].clone()  # whoever asks with a prefix asks for one environment
         return returned
 

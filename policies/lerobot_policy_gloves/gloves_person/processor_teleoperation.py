@@ -48,7 +48,7 @@ class CorrectionStep(RobotActionProcessorStep):
         wanted: Asked at every step whether the person wants to be assisted.
         commanded: The last command, raw, (A,), float32.
         edited: Whether another action was executed instead.
-        shown: What is known of it, by name: command, score and p-value, for a display.
+        shown: What is known of it, by name, for a display: the command, and `Correction.known`.
 
     Raises:
         ValueError: If the adapter does not fit the robot, or what is asked for needs what it lacks.
@@ -153,9 +153,7 @@ class CorrectionStep(RobotActionProcessorStep):
         correction = self._policy.correction
         if correction is None:
             return None
-        for name in ("score", "p_value"):
-            if (value := getattr(correction, name)) is not None:
-                self.shown[name] = float(value[0])
+        self.shown |= correction.known
         return executed if bool(correction.edited[0]) else None
 
 
