@@ -5,6 +5,7 @@ import shlex
 import socket
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from lerobot_gloves.evaluation.environments import environments
 from lerobot_gloves.evaluation.seeds import ALL
 from lerobot_gloves.system.display import Display
 from lerobot_gloves.system.errors import one_line
+from lerobot_gloves.system.locks import alone_with
 
 SHIPPED = {"gloves_slalom": PACKAGED / PERSONS_COPILOT}
 """The adapter that ships with the package, by `--env.type`."""
@@ -91,6 +93,7 @@ def drive(config: DriveConfig) -> None:
     Raises:
         ImportError: If Starlette or uvicorn is not installed.
         ConnectionError: If it cannot listen at that address.
+        BlockingIOError: If another process plays the same study.
     """
     try:
         from lerobot_gloves.drive.server import Site, is_loopback, serving
@@ -101,7 +104,7 @@ def drive(config: DriveConfig) -> None:
     options: dict[str, Any] = asdict(config.policy)
     device = options.pop("device")
     token = None if is_loopback(config.host) else secrets.token_urlsafe(16)
-    with listening(config.host, config.port) as listener, environments(config.env, 1) as env:
+    with listening(config.host, config.port) as listener, _kept(config), environments(config.env, 1) as env:
         assistance = load_assistance(config.env, options, view.faults, device)
         assistance.choose(replace(assistance.settings, fault=config.fault))
         session, board = Session(env, view, assistance, config.seed), Board()
@@ -137,6 +140,13 @@ def _study(
     how: dict[str, Any] = {"root": config.output_dir, "episodes": config.study, "seed": config.seed}
     typed = " ".join([sys.argv[0], *map(shlex.quote, sys.argv[1:])])
     return open_study(config.env, session, view, assistance, **how, options=options, command=typed)
+
+
+def _kept(config: DriveConfig) -> AbstractContextManager[None]:
+    """Keeps a study's folder from other processes."""
+    if config.output_dir is None:
+        return nullcontext()
+    return alone_with(config.output_dir, f"{config.output_dir} is the folder of a study that runs: choose another one")
 
 
 def shown_in(display: Display) -> Callable[[Step], None]:

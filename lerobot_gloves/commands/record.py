@@ -23,7 +23,7 @@ from lerobot_gloves.evaluation.seeds import DEMONSTRATIONS, PROPOSALS
 from lerobot_gloves.recording import agents, dataset, demonstrations, staging
 from lerobot_gloves.recording.experts import check_expert
 from lerobot_gloves.system.errors import one_line
-from lerobot_gloves.system.locks import Lock
+from lerobot_gloves.system.locks import alone_with
 
 MAX_BATCH_SIZE = 100
 AGENT_EPISODES = 400
@@ -165,14 +165,9 @@ def record(config: RecordConfig) -> None:
     Raises:
         BlockingIOError: If another process is making the same dataset.
     """
-    config.root.parent.mkdir(parents=True, exist_ok=True)
-    lock = Lock(config.root.with_name(config.root.name + ".lock"))
-    if not lock.acquire():
-        raise BlockingIOError(f"another gloves record is making {config.root}: wait for it, or choose another root")
-    try:
+    told = f"another gloves record is making {config.root}: wait for it, or choose another root"
+    with alone_with(config.root, told):
         _record(config)
-    finally:
-        lock.release()
 
 
 def _record(config: RecordConfig) -> None:

@@ -3,6 +3,8 @@
 import fcntl
 import os
 import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -63,3 +65,26 @@ class Lock:
             return os.path.samestat(os.fstat(opened), os.stat(self.path))
         except FileNotFoundError:
             return False
+
+
+@contextmanager
+def alone_with(folder: Path, otherwise: str) -> Iterator[None]:
+    """While this is open no other process that asks likewise writes the folder, whose parents it makes.
+
+    The lock lies beside the folder, under its name and `.lock`.
+
+    Args:
+        folder: The folder, which need not exist.
+        otherwise: What to tell whoever comes second.
+
+    Raises:
+        BlockingIOError: If another process has it.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    lock = Lock(folder.with_name(folder.name + ".lock"))
+    if not lock.acquire():
+        raise BlockingIOError(otherwise)
+    try:
+        yield
+    finally:
+        lock.release()

@@ -8,6 +8,7 @@ import pytest
 from lerobot_gloves.checkpoints.calibration import Calibration, weights_hash
 from lerobot_gloves.commands import main
 from lerobot_gloves.commands.drive import SHIPPED
+from lerobot_gloves.system.locks import alone_with
 from tests.builders import load
 
 
@@ -55,3 +56,11 @@ def test_the_adapter_that_ships_is_small_calibrated_for_people_and_names_no_plac
     calibration.check(weights_hash(adapter.state_dict()))
     for score in ("reverse:steps=1", "correction"):  # what its edit asks, and what its gate does
         assert len(calibration.of(score, adapter.config.chunk_size)) >= 19
+
+
+def test_a_study_that_runs_is_not_run_twice(monkeypatch, tmp_path):
+    study = ["--env.type=gloves_slalom", "--port=0", "--study=2", f"--output_dir={tmp_path / 'mine'}"]
+    monkeypatch.setattr("sys.argv", ["gloves", "drive", *study])
+    with alone_with(tmp_path / "mine", ""), pytest.raises(SystemExit, match="is the folder of a study that runs"):
+        main()
+    assert list(tmp_path.iterdir()) == []
