@@ -23,12 +23,13 @@ def run(
 ) -> None:
     """Step a session at a rate until it is over, and draw what there is time for.
 
-    Steps go before pictures: a frame that would make the next step late is left out.
+    Steps go before pictures: each is published before its frame is drawn, and a frame that would make the next step
+    late is left out.
 
     Args:
         session: What is driven.
         rate: Steps a second.
-        publish: Where snapshots go.
+        publish: Where snapshots go; of a step that is drawn one without the frame and one with it.
         over: Asked before each step.
         clock: Seconds that only grow.
         sleep: Waits for so many of them.
@@ -36,6 +37,7 @@ def run(
     takes, left_out = 0.0, 0
     for due in paced(1 / rate, over, clock, sleep):
         snapshot = session.tick()
+        publish(snapshot)
         began = clock()
         if due - began > MARGIN * takes or left_out >= PATIENCE:
             left_out = 0
@@ -43,7 +45,6 @@ def run(
             if picture is not snapshot.picture:
                 took = clock() - began
                 takes = max(took, takes + 0.1 * (took - takes))  # the next one may be as slow as the slowest of late
-                snapshot = replace(snapshot, picture=picture)
+                publish(replace(snapshot, picture=picture))
         else:
             left_out += 1
-        publish(snapshot)

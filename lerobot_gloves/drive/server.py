@@ -126,7 +126,7 @@ class Site:
                 return
 
     async def _tell(self, ws: WebSocket, seat: Seat) -> None:
-        about, picture, role = None, b"", None
+        about, state, picture, role = None, None, b"", None
         await ws.send_text(json.dumps({"type": "scene", **self._scene}))
         while not seat.replaced:
             snapshot = await self._board.newer()
@@ -139,7 +139,9 @@ class Site:
             if snapshot.about is not about:
                 about = snapshot.about
                 await ws.send_text(json.dumps(about))
-            await ws.send_text(json.dumps(snapshot.state))
+            if snapshot.state is not state:
+                state = snapshot.state
+                await ws.send_text(json.dumps(state))
             while seat.lines:
                 await ws.send_text(json.dumps({"type": "error", "line": seat.lines.popleft()}))
             if snapshot.picture is not picture:

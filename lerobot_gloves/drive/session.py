@@ -29,7 +29,7 @@ class Snapshot:
 
     Attributes:
         about: What is asked for and how the person is helped; the same object until one of them changes.
-        state: What happened at this step.
+        state: What happened at this step; the same object for one without the step's frame and one with it.
         trail: The way so far, (right, down, whether edited) each.
         picture: The camera's last frame, a JPEG; the same object until there is another one. Empty before the first.
     """

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import time
+from dataclasses import replace
 
 import httpx
 import pytest
@@ -26,11 +27,16 @@ class Served:
 
     def __init__(self, port: int, driven: Driven, desk: Desk, board: Board):
         self.port, self.driven, self.desk, self._board = port, driven, desk, board
-        self._steps = 0
+        self.steps = 0
 
     def step(self) -> None:
-        self._steps += 1
-        self._board.publish(Snapshot(ABOUT, {"type": "state", "step": self._steps}, ((0.0, 0.0, False),), PICTURE))
+        self.steps += 1
+        self._last = Snapshot(ABOUT, {"type": "state", "step": self.steps}, ((0.0, 0.0, False),), PICTURE)
+        self._board.publish(self._last)
+
+    def draw(self) -> None:
+        """Another picture of the last step."""
+        self._board.publish(replace(self._last, picture=b"another picture"))
 
     def open(self, query: str = "", **options):
         return client.connect(f"ws://127.0.0.1:{self.port}/socket{query}", proxy=None, **options)
@@ -89,6 +95,16 @@ def test_a_page_is_told_everything_once_and_then_what_changes(site):
                     message = ws.recv(timeout=0.1)
                     kinds.append("picture" if isinstance(message, bytes) else json.loads(message)["type"])
         assert kinds[:6] == ["scene", "role", "trail", "about", "state", "picture"] and set(kinds[6:]) == {"state"}
+
+
+def test_a_step_is_told_once_though_its_frame_comes_later(site):
+    with site.open() as ws:
+        site.told(ws, "picture")
+        site.step()
+        while ws.recv(timeout=10) != json.dumps({"type": "state", "step": site.steps}):
+            pass
+        site.draw()
+        assert ws.recv(timeout=10) == b"another picture"
 
 
 def test_the_first_page_drives_a_second_one_watches_and_takes_over_once_it_may(site):

@@ -59,32 +59,43 @@ def test_a_long_halt_is_not_caught_up_with():
     assert begun == pytest.approx([0, 0.05, 5.05, 5.10, 5.15, 5.20])
 
 
-def played(step: float, drawing: float, count: int) -> tuple[list[float], list[bytes]]:
-    """When the steps of a session begin whose steps and frames take so long, and the pictures that are published."""
-    clock, begun, pictures = Clock(), [], []
+def played(step: float, drawing: float, count: int) -> tuple[list[float], list[bytes], list[float]]:
+    """Of a session whose steps and frames take so long: when steps begin, what is drawn, and when a step is told."""
+    clock, begun, pictures, told = Clock(), [], [], []
 
     def tick() -> Snapshot:
         begun.append(clock.now - 100.0)
         clock.now += step
-        return Snapshot({}, {}, (), pictures[-1] if pictures else b"")
+        return Snapshot({}, {"step": len(begun)}, (), pictures[-1] if pictures else b"")
 
     def draw() -> bytes:
         clock.now += drawing
         return str(len(begun)).encode()
 
+    def publish(snapshot: Snapshot) -> None:
+        if snapshot.state["step"] > len(told):
+            told.append(clock.now - 100.0)
+        if snapshot.picture not in (b"", *pictures[-1:]):
+            pictures.append(snapshot.picture)
+
     session = SimpleNamespace(tick=tick, draw=draw)
-    run(session, 20, lambda one: pictures.append(one.picture), lambda: len(begun) == count, clock, clock.sleep)
-    return begun, pictures
+    run(session, 20, publish, lambda: len(begun) == count, clock, clock.sleep)
+    return begun, pictures, told
 
 
 def test_every_step_is_drawn_where_there_is_time():
-    begun, pictures = played(0.01, 0.03, 40)
-    assert begun == pytest.approx([0.05 * i for i in range(40)]) and len(set(pictures)) == 40
+    begun, pictures, _ = played(0.01, 0.03, 40)
+    assert begun == pytest.approx([0.05 * i for i in range(40)]) and len(pictures) == 40
+
+
+def test_a_step_is_told_before_its_frame_is_drawn():
+    begun, _, told = played(0.01, 0.03, 40)
+    assert told == pytest.approx([begin + 0.01 for begin in begun])
 
 
 def test_steps_go_before_pictures():
-    begun, pictures = played(0.03, 0.04, 60)
+    begun, pictures, _ = played(0.03, 0.04, 60)
     # The first frame, of which nobody knows how long it takes, and every sixth one make a step late by 20 ms.
     late = [a for i, a in enumerate(begun) if a > 0.05 * i + 1e-6]
     assert len(late) <= 60 / (PATIENCE + 1) + 1 and max(a - 0.05 * i for i, a in enumerate(begun)) < 0.021
-    assert len(set(pictures)) == 60 / (PATIENCE + 1)
+    assert len(pictures) == 60 / (PATIENCE + 1)
