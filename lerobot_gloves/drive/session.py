@@ -106,7 +106,7 @@ class Session:
         seed: int,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.stick = Stick(clock)
+        self._clock, self.stick = clock, Stick(clock)
         self.watchers: list[Callable[[Step], None]] = []
         self._env, self._view, self._assistance = env, view, assistance
         self._rng, self._first, self._seed = np.random.default_rng(seed), seed, seed
@@ -134,6 +134,7 @@ class Session:
 
     def tick(self) -> Snapshot:
         """Take a step, if an episode is on."""
+        began = self._clock()
         self._obey()
         sent = self.stick.position
         if self._phase == "ready" and not still(sent):
@@ -143,6 +144,7 @@ class Session:
             "type": "state",
             "episode": self._episode,
             "step": self._steps,
+            "time": began,
             "phase": self._phase,
             "ending": self._ending,
             "place": self._trail[-1][:2],

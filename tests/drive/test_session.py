@@ -91,6 +91,7 @@ def test_without_assistance_the_command_is_executed_scaled_and_nothing_else(env,
         tip = bare.step(action)[0]["agent_pos"][2:]
         assert state["place"] == (float(tip[1]), float(tip[0])) and not state["edited"]
     assert [state["step"] for state in states] == list(range(1, 16))
+    assert [state["time"] for state in states] == pytest.approx([0.05 * i for i in range(15)])
     assert any(0 < state["p"] <= 1 for state in states if any(state["sent"]))  # the gate says what it thinks
     np.testing.assert_allclose([state["executed"][:2] for state in states], STICKS, atol=1e-6)
 
