@@ -9,7 +9,7 @@ from lerobot_gloves.drive.session import Driven, Snapshot
 
 MARGIN = 1.3
 """Times the slowest frame of late that has to be left of a step for a frame: other programs want the cores as well."""
-PATIENCE = 5
+PATIENCE = 3
 """After so many steps in a row without the time to draw, one is drawn all the same."""
 
 
@@ -44,7 +44,7 @@ def run(
             picture = session.draw()
             if picture is not snapshot.picture:
                 took = clock() - began
-                takes = max(took, takes + 0.1 * (took - takes))  # the next one may be as slow as the slowest of late
+                takes = max(took, takes + 0.3 * (took - takes))  # the next one may be as slow as the slowest of late
                 publish(replace(snapshot, picture=picture))
         else:
             left_out += 1
