@@ -62,11 +62,12 @@ class Adapter(Protocol):
         editors: Its correction rules by the name that `--policy.method` gives, each a dataclass of numbers. One whose
             class says `needs_threshold = True` is refused at loading unless the adapter is calibrated for the score;
             one that says `needs_agent = True`, unless the adapter says `has_agent = True`: it has an agent flow.
-        default_editor: The one to take where no method is given; "none" to edit nothing.
+        default_editor: The one to take where no method is given, as `--policy.method` gives it; "none" to edit nothing.
         scores: Its nonconformity scores by the name that `--policy.score` gives, likewise, the default first. An
             adapter without scores edits every proposal: it has no gate.
 
-    One that says `gate_score = "NAME"` has that score for the default of a gate, instead of its first one.
+    One that says `gate_score`, as `--policy.score` gives it, has that for the default of a gate, instead of its first
+    score.
 
     One that says `history = H` above 0 is told what the agent proposed at its last H decisions, as it proposed it:
     `bind(observation, history)`, normalised (B, h, T, A), the oldest first, h growing from none to H in an episode. If

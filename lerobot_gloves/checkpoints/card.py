@@ -59,7 +59,7 @@ def policy_card(
     parts = [
         f"# {repo_id or name}",
         about,
-        _use(kind, repo_id or "<this folder>", calibration, recommended) if adapter else _play(repo_id),
+        _use(kind, config, repo_id or "<this folder>", calibration, recommended) if adapter else _play(repo_id),
         "\n".join(["| | |", "|---|---|", *(f"| {key} | {value} |" for key, value in known.items())]),
         *([checked] if checked else []),
     ]
@@ -106,10 +106,11 @@ def write_card(
         logging.info("%s is not ours, so it is left as it is", file)
 
 
-def _use(kind: Any, name: str, calibration: Calibration | None, recommended: Recommendation | None) -> str:
-    gated = calibration is not None and kind.default_editor != "copilot" and recommended is None
+def _use(kind: Any, config: Any, name: str, calibration: Calibration | None, recommended: Recommendation | None) -> str:
+    editor = getattr(config, "method", kind.default_editor)
+    gated = calibration is not None and editor != "copilot" and recommended is None
     gate = " --policy.gate=true" if gated else ""
-    default = f"`{kind.default_editor}`"
+    default = f"`{editor}`"
     if recommended is not None:
         default = f"what `gloves tune` recommends, `{' '.join(recommended.flags)}`"
     editors = ", ".join(f"`{editor}`" for editor in kind.editors)

@@ -50,6 +50,11 @@ def test_an_adapters_card_says_how_to_wrap_a_policy_in_it(kind, online, checkpoi
         assert f"`{editor}`" in card.text
 
 
+def test_a_copilots_says_what_it_does_where_nobody_does(online, tmp_path):
+    card = pushed("gloves_copilot", online, method="feeg:start=0.5")
+    assert "without it, `feeg:start=0.5`." in card.text
+
+
 def test_a_calibrated_ones_says_of_what_and_gates(online, tmp_path):
     card = pushed("gloves_expert_flow", online, calibrated=True, tmp_path=tmp_path)
     assert "--policy.gate=true" in card.text

@@ -14,11 +14,14 @@ from lerobot_gloves.networks.copilot import repeats, told
 from lerobot_gloves.scores import ReverseScore
 from tests.builders import (
     FLOW,
+    calibrate,
     load,
     make_config,
     make_policy,
     observation,
+    save_policy,
     training_options,
+    wrap,
     write_dataset,
 )
 from tests.policies.test_training_command import LAST
@@ -194,6 +197,26 @@ def test_the_score_and_the_mean_are_one_call_of_the_network(policy, batch):
         edited = bound.edit(proposal, Copilot(limit=0.0), score=score, threshold=apart.median().item() + 1e-6)
         torch.testing.assert_close(edited, expected)
         assert len(calls) == times
+
+
+def test_what_it_does_where_nobody_says_is_in_its_configuration(tmp_path, checkpoints):
+    named = {"method": "feeg:start=0.5,steps=2", "gate_score": "reverse:steps=2"}
+    scores = {"reverse:steps=2": torch.zeros(T, 99)}  # a gate on these stops everything
+    adapter = calibrate(save_policy(tmp_path / "copilot", "gloves_copilot", **named), scores=scores)
+    told = {"method": "feeg:start=0.5,steps=2", "gate": True, "score": "reverse:steps=2"}
+    said, unsaid = (wrap(checkpoints.agent, adapter=adapter, **how) for how in (told, {"gate": True}))
+    actions = []
+    for policy in (said, unsaid):
+        torch.manual_seed(0)
+        actions.append(policy.select_action(observation(2)))
+    assert torch.equal(*actions) and torch.equal(said.correction.score, unsaid.correction.score)
+    assert unsaid.correction.edited.all() and not torch.equal(actions[0], unsaid.correction.proposal[:, 0])
+
+
+@pytest.mark.parametrize(("option", "line"), [("method", "unknown method 'fly'"), ("gate_score", "unknown gate_score")])
+def test_what_it_cannot_do_is_no_default_of_it(option, line):
+    with pytest.raises(ValueError, match=line):
+        make_policy("gloves_copilot", **{option: "fly"})
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,10 @@ class GlovesCopilotConfig(FlowConfig):
     mean_share: float = 0.6
     # Share of the draws that are told no proposal: there the flow is the expert's.
     alone_share: float = 0.2
+    # The editor where nobody names a method: copilot, or feeg for whoever is to be moved as little as it takes.
+    method: str = "copilot"
+    # The score of a gate where nobody names one.
+    gate_score: str = "correction"
     # Observations that the copilot is not conditioned on.
     exclude_features: list[str] = field(default_factory=lambda: ["observation.goal"])
 

@@ -13,6 +13,7 @@ from lerobot_gloves.flow import interpolate, mean_per_chunk
 from lerobot_gloves.generators import rand, randn
 from lerobot_gloves.networks.copilot import CopilotNetwork, repeats, told
 from lerobot_gloves.scores import SCORES, CorrectionScore
+from lerobot_gloves.specification import parse
 
 from .bound_copilot import BoundCopilot
 from .configuration_gloves_copilot import GlovesCopilotConfig
@@ -51,6 +52,9 @@ class GlovesCopilotPolicy(FlowPolicy):
         self, config: GlovesCopilotConfig, dataset_meta: "LeRobotDatasetMetadata | None" = None, **kwargs: object
     ):
         super().__init__(config, dataset_meta=dataset_meta, **kwargs)
+        parse(config.method, self.editors, "method")  # refuses what it cannot do
+        parse(config.gate_score, self.scores, "gate_score")
+        self.default_editor, self.gate_score = config.method, config.gate_score
         zero, spread = torch.zeros(config.action_feature.shape[0]), torch.ones(config.action_feature.shape[0])
         if dataset_meta is not None:
             known = {name: torch.as_tensor(value) for name, value in dataset_meta.stats["action"].items()}
