@@ -3,7 +3,8 @@
     python scripts/study_drivers.py --task=slalom --correct copilot=<its copilot for a person>
     python scripts/study_drivers.py --task=slalom --correct FEEG=<its expert flow>@feeg:start=0.4,align=0.1
 
-prints a table; on test seeds it writes the rows that `docs/results/drivers.md` is made of.
+prints a table; on test seeds it writes the rows that `docs/results/drivers.md` is made of, and leaves those of settings that
+it was not asked for as they are.
 """
 
 import argparse
@@ -60,6 +61,15 @@ def drive(env: EnvConfig, settings: dict[str, dict], skills: list[str], split: s
     return rows
 
 
+def keep(rows: list[dict], file: Path) -> None:
+    """Write rows into a file, in the place of those of the same settings."""
+    text = gzip.decompress(file.read_bytes()).decode() if file.is_file() else ""
+    new = {row["setting"] for row in rows}
+    before = [row for row in map(json.loads, text.splitlines()) if row["setting"] not in new]
+    text = "".join(json.dumps(row) + "\n" for row in [*rows, *before])
+    file.write_bytes(gzip.compress(text.encode(), mtime=0))
+
+
 def main() -> None:
     """Drive, write and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -81,8 +91,7 @@ def main() -> None:
     rows = drive(env, settings, arguments.drivers, arguments.split, arguments.seeds, arguments.episodes)
     if arguments.split == "test":
         ROWS.mkdir(parents=True, exist_ok=True)
-        text = "".join(json.dumps(row) + "\n" for row in rows)
-        (ROWS / f"{arguments.task}.jsonl.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+        keep(rows, ROWS / f"{arguments.task}.jsonl.gz")
     print(drivers_table(rows))
 
 

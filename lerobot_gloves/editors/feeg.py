@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from lerobot_gloves.editors.reference import Reference
-from lerobot_gloves.flow import VelocityField, endpoint, interpolate, times
+from lerobot_gloves.flow import VelocityField, endpoint, integrate, interpolate, times
 from lerobot_gloves.generators import randn
 
 
@@ -57,13 +57,12 @@ class FEEG:
             target = proposal.detach().clone()
             noise = randn(target.shape, reference.generator, like=target)
             x = interpolate(noise, target, times(self.start, target))
+            if self.align == 0:  # nothing pulls back, so no gradient is to be paid for
+                with torch.no_grad():
+                    return integrate(reference.expert, x, self.start, 1.0, self.steps)
             step = (1.0 - self.start) / self.steps
             for k in range(self.steps):
                 t = times(self.start + k * step, x)
-                if self.align == 0:  # nothing pulls back, so there is no gradient to be paid for
-                    with torch.no_grad():
-                        x = x + step * reference.expert(x, t)
-                    continue
                 x = x.detach().requires_grad_()
                 v = reference.expert(x, t)
                 residual = (endpoint(x, t, v) - target).detach()

@@ -61,6 +61,18 @@ def test_without_guidance_an_edit_is_the_flow_from_the_noised_proposal(flow, pro
     assert torch.allclose(edited, expected, rtol=0, atol=1e-13)
 
 
+def test_without_guidance_no_gradient_is_computed():
+    seen = []
+
+    def field(x: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+        seen.append(x.requires_grad or torch.is_grad_enabled())
+        return -x
+
+    for align in (0.0, 0.1):
+        FEEG(steps=3, align=align)(torch.ones(2, 3, 2), Reference(field, generator=seeded(1)))
+    assert seen == [False] * 3 + [True] * 3
+
+
 def test_the_gradient_is_pulled_back_by_the_transposed_jacobian():
     """A field that couples the actions without symmetry: v = M x, so x_1_hat = (I + (1 - t) M) x."""
     matrix = torch.tensor([[0.2, -1.0], [0.5, 0.1]], dtype=torch.float64)
