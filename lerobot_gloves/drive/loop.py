@@ -9,7 +9,7 @@ from lerobot_gloves.drive.session import Driven, Snapshot
 
 MARGIN = 1.3
 """Times the slowest frame of late that has to be left of a step for a frame: other programs want the cores as well."""
-PATIENCE = 3
+PATIENCE = 4
 """After so many steps in a row without the time to draw, one is drawn all the same."""
 
 

@@ -112,7 +112,8 @@ class CsaAssistPolicy(FlowPolicy):
                 f"{path} is a csa_assist teacher, which corrects nothing: distil it, lerobot-train "
                 f"--policy.type=csa_assist --policy.stage=student --policy.teacher={path}, and take the student"
             )
-        self.eval()
+        if self.training:  # to ask every module takes a millisecond
+            self.eval()
         return BoundCsaAssist(self.velocity(observation), self.denoiser)
 
 

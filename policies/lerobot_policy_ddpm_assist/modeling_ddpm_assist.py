@@ -55,7 +55,8 @@ class DdpmAssistPolicy(FlowPolicy):
     @torch.no_grad()
     def bind(self, observation: Mapping[str, Tensor]) -> "BoundDdpmAssist":
         """See `lerobot_gloves.adapter.Adapter`."""
-        self.eval()
+        if self.training:  # to ask every module takes a millisecond
+            self.eval()
         return BoundDdpmAssist(self.velocity(observation), self.scheduler)
 
 

@@ -116,7 +116,8 @@ class GlovesAlignFlowPolicy(FlowPolicy):
                 "this gloves_align_flow has seen no expert, only "
                 f"{', '.join(self.config.sources) or 'nothing'}: train it on expert and agent data merged"
             )
-        self.eval()
+        if self.training:  # to ask every module takes a millisecond
+            self.eval()
         # Outside inference mode, so that FEEG may differentiate through what is made here.
         with torch.inference_mode(False):
             batch = {key: observation[key].clone() for key in self.config.input_features}

@@ -164,7 +164,8 @@ class GlovesCopilotPolicy(FlowPolicy):
     @torch.no_grad()
     def bind(self, observation: Mapping[str, Tensor], history: Tensor | None = None) -> BoundCopilot:
         """See `lerobot_gloves.adapter.Adapter`."""
-        self.eval()
+        if self.training:  # to ask every module takes a millisecond
+            self.eval()
         # Outside inference mode, so that FEEG may differentiate through what is made here.
         with torch.inference_mode(False):
             batch = {key: observation[key].clone() for key in self.config.input_features}
