@@ -54,7 +54,8 @@ def test_the_adapter_that_ships_is_small_calibrated_for_people_and_names_no_plac
     assert adapter.stride == 1 and "driven" in adapter.config.faults
     calibration = Calibration.load(SHIPPED[task])
     calibration.check(weights_hash(adapter.state_dict()))
-    for score in ("reverse:steps=1", "correction"):  # what its edit asks, and what its gate does
+    assert adapter.default_editor.startswith("feeg:") and adapter.gate_score == "reverse:steps=5"
+    for score in ("reverse:steps=1", "correction", adapter.gate_score):  # what its own edit and the gates ask
         assert len(calibration.of(score, adapter.config.chunk_size)) >= 19
 
 
