@@ -3,8 +3,8 @@
     python scripts/study_drivers.py --task=slalom --correct copilot=<its copilot for a person>
     python scripts/study_drivers.py --task=slalom --correct FEEG=<its expert flow>@feeg:start=0.4,align=0.1
 
-prints a table; on test seeds it writes the rows that `docs/results/drivers.md` is made of, and leaves those of settings that
-it was not asked for as they are.
+prints a table; on test seeds it writes the rows that `docs/results/drivers.md` is made of, and leaves those of settings
+that it was not asked for as they are.
 """
 
 import argparse
