@@ -37,8 +37,8 @@ def test_it_prints_flags_and_writes_what_the_wrapper_then_does(kind, data, tmp_p
     main()
     printed = capsys.readouterr().out
     rows = re.findall(r"^\| ([a-z]\S*) +\| .*\|$", printed, re.MULTILINE)[1:]
-    # FEEG ungated and by four levels; the others ask one test, and are gated by it or not; and the agent alone.
-    assert f"{1 + 5 + 2 + 2 * len(own)} settings, the chosen one first" in printed and len(rows) <= 10
+    # FEEG ungated and by five levels; the others ask one test, and are gated by it or not; and the agent alone.
+    assert f"{1 + 6 + 2 + 2 * len(own)} settings, the chosen one first" in printed and len(rows) <= 10
     assert {row.partition(":")[0] for row in rows} <= {"none", "feeg", "fpas", "copilot"}
     made = Recommendation.load(folder)
     assert printed.strip().splitlines()[-1] == " ".join(made.flags) and made.method == rows[0]
