@@ -142,9 +142,7 @@ class GlovesPolicy(SavedWrapper):
             window, due = self._plan.take(self._covered)
             self._action_queue.extend(self._correct(batch, window)[:, :due].unbind(dim=1))
         action = self._action_queue.popleft()
-        if self._display is not None:
-            proposed = self._plan.actions[:, self._step - self._plan.step]
-            self._display.show(batch, proposed, action, {} if self.correction is None else self.correction.known)
+        self._show(batch, self._plan.actions[:, self._step - self._plan.step], action)
         self._step += 1
         return action
 
@@ -190,6 +188,12 @@ class GlovesPolicy(SavedWrapper):
         """What the environments show, at every step, unless the caller says which of them run."""
         if self._corrector is not None and self.running is None:
             self._journal.see(observation, batch_size)
+
+    def _show(self, observation: dict[str, Any], proposed: Tensor, executed: Tensor) -> None:
+        """Show proposed and executed actions (B, A) of a step, if there is a display."""
+        if self._display is not None:
+            known: dict[str, float] = {} if self.correction is None else self.correction.known
+            self._display.show(observation, proposed, executed, known)
 
     def _correct(self, observation: dict[str, Any], window: Tensor) -> Tensor:
         """Correct proposed actions (B, n, A) that the observation covers: raw (B, n, A)."""
@@ -257,9 +261,7 @@ class GlovesPolicy(SavedWrapper):
             window, due = self._plan.take(self._covered)
             corrected = self._correct(batch, window)
             returned = torch.cat([corrected[:, :due], self._plan.actions[:, due : self._plan.executed]], dim=1)
-        if self._display is not None:
-            known: dict[str, float] = {} if self.correction is None else self.correction.known
-            self._display.show(batch, window[:, 0], returned[:, 0], known)
+        self._show(batch, window[:, 0], returned[:, 0])
         self._returned = returned[0].clone()  # whoever asks with a prefix asks for one environment
         return returned
 
