@@ -67,7 +67,7 @@ class Adapter(Protocol):
             adapter without scores edits every proposal: it has no gate.
 
     One that says `gate_score`, as `--policy.score` gives it, has that for the default of a gate, instead of its first
-    score.
+    score; `gate_alpha` likewise is the level of a gate where nobody names one.
 
     One that says `history = H` above 0 is told what the agent proposed at its last H decisions, as it proposed it:
     `bind(observation, history)`, normalised (B, h, T, A), the oldest first, h growing from none to H in an episode. If

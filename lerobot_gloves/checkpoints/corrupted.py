@@ -16,7 +16,7 @@ from tqdm import tqdm
 from lerobot_gloves.adapter import BoundAdapter
 from lerobot_gloves.checkpoints.on_data import AdapterOnData
 from lerobot_gloves.checkpoints.scoring import Decisions, alike
-from lerobot_gloves.checkpoints.statistics import Constants
+from lerobot_gloves.checkpoints.statistics import Constants, action_units
 from lerobot_gloves.faults import RandomisedAgents, Units
 from lerobot_gloves.generators import spawn
 
@@ -178,11 +178,6 @@ def _batches(on_data: AdapterOnData, most: int, batch_size: int) -> Iterator[_Ba
             continue
         rows = {key: value[whole] for key, value in item.items() if isinstance(value, Tensor)}
         chunks = decisions.chunks(rows[ACTION], int(decisions.told(rows["frame_index"])[0]))
-        normal = preprocess(constants.hold(rows | {ACTION: chunks}))
-        nothing, one = (
-            preprocess(constants.hold(rows | {ACTION: torch.full_like(chunks[:, 0, :1], value)}))[ACTION][0, 0]
-            for value in (0.0, 1.0)
-        )
-        varies = one != nothing
-        spread = torch.where(varies, 1 / (one - nothing), 0.0)
-        yield _Batch(normal, normal[ACTION], Units(nothing, spread), varies)
+        held = constants.hold(rows | {ACTION: chunks})
+        normal, units = preprocess(held), action_units(preprocess, held)
+        yield _Batch(normal, normal[ACTION], units, units.spread != 0)

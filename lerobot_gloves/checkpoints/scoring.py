@@ -14,7 +14,8 @@ from tqdm import tqdm
 
 from lerobot_gloves.adapter import pad
 from lerobot_gloves.checkpoints.processors import Pipeline
-from lerobot_gloves.checkpoints.statistics import Constants
+from lerobot_gloves.checkpoints.statistics import Constants, action_units
+from lerobot_gloves.faults import Fault
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ def score_dataset(
     scores: Mapping[str, Any],
     decisions: Decisions,
     batch_size: int,
+    stands_for: Fault | None = None,
 ) -> tuple[dict[str, Tensor], list[int]]:
     """Scores of the dataset's chunks, (L, n) by score, a row for each of `decisions.lengths`; the episode of each.
 
@@ -75,11 +77,12 @@ def score_dataset(
         scores: The scores, by the name that they shall have.
         decisions: Which chunks to score.
         batch_size: Chunks scored at once.
+        stands_for: What makes a proposal of a chunk, each of those that were proposed before alike; None for nothing.
 
     Raises:
         ValueError: If no episode is as long as a chunk, or a score is not a number.
     """
-    constants = Constants(preprocess)
+    constants, generator = Constants(preprocess), torch.Generator().manual_seed(0)
     table: dict[str, list[Tensor]] = {name: [] for name in scores}
     episode_of: list[int] = []
     batches = alike(dataset, decisions, batch_size)
@@ -89,7 +92,11 @@ def score_dataset(
             continue
         rows = {key: value[whole] for key, value in item.items() if isinstance(value, Tensor)}
         told = int(decisions.told(rows["frame_index"])[0])
-        batch = preprocess(constants.hold(rows | {ACTION: decisions.chunks(rows[ACTION], told)}))
+        held = constants.hold(rows | {ACTION: decisions.chunks(rows[ACTION], told)})
+        batch = preprocess(held)
+        if stands_for is not None:
+            each = batch[ACTION].flatten(0, 1)[:, None]
+            batch[ACTION] = stands_for(each, action_units(preprocess, held), generator).view_as(batch[ACTION])
         found = score_lengths(adapter, batch, list(scores.values()), decisions)
         for name, columns in zip(table, found.unbind(dim=1), strict=True):
             table[name].append(columns)

@@ -10,6 +10,7 @@ from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.checkpoints.processors import Pipeline
+from lerobot_gloves.faults.fault import Units
 
 _SPREAD = {
     NormalizationMode.MEAN_STD: ("min", "max"),
@@ -64,6 +65,20 @@ class Constants:
                 given = held[key]
                 held[key] = torch.where(constant.to(given.device), value.to(given), given)
         return held
+
+
+def action_units(preprocess: Pipeline, held: Mapping[str, Tensor]) -> Units:
+    """Where the robot's own units lie among a checkpoint's normalised actions; entries that never change spread by 0.
+
+    Args:
+        preprocess: The checkpoint's preprocessor.
+        held: Raw features (B, ...) of any frames, as `Constants.hold` gives them.
+    """
+    like, constants = held[ACTION].flatten(1, -2)[:, :1], Constants(preprocess)
+    nothing, one = (
+        preprocess(constants.hold({**held, ACTION: torch.full_like(like, value)}))[ACTION][0, 0] for value in (0.0, 1.0)
+    )
+    return Units(nothing, torch.where(one != nothing, 1 / (one - nothing), 0.0))
 
 
 def _statistics(preprocess: Pipeline) -> dict[str, dict[str, Tensor]]:

@@ -17,12 +17,13 @@ from lerobot_gloves.checkpoints.scoring import Decisions, default_lengths, score
 from lerobot_gloves.checkpoints.telling import tell, verdict
 from lerobot_gloves.commands.errors import one_line_errors
 from lerobot_gloves.commands.start import start
+from lerobot_gloves.faults import PROMPT
 from lerobot_gloves.recording.sources import expert_episodes, healthy_episodes
 from lerobot_gloves.scores import ReverseScore
 from lerobot_gloves.scores.score import needs_posterior
 from lerobot_gloves.specification import parse_all, specification
 
-CHUNKS_OF = ("expert", "agent")
+CHUNKS_OF = ("expert", "agent", "person")
 CHECKED = 200
 """About how many chunks a first look at the adapter takes, by one score; `gloves check` takes more, and says more."""
 
@@ -36,13 +37,18 @@ class CalibrateConfig:
     Or score what an agent proposed where it succeeded, as gloves record --agent=AGENT writes it:
 
     gloves calibrate --policy.path=CHECKPOINT --dataset.repo_id=PROPOSALS --chunks_of=agent
+
+    Or, for gloves drive and gloves teleoperate, what a person with keys would have commanded at the expert's moments:
+
+    gloves calibrate --policy.path=CHECKPOINT --dataset.repo_id=EXPERT --chunks_of=person
     """
 
     # The episodes; --dataset.episodes picks some. By default, of the dataset that the adapter was trained on, those
     # that --dataset.eval_split held out of training, and of another dataset all. Root, revision, video_backend and
     # depth_output_unit are the training's unless they are named.
     dataset: HeldOutConfig
-    # Whose chunks are taken of it: expert, or agent, those of an unperturbed agent's successes.
+    # Whose chunks are taken of it: the expert's; agent, those of an unperturbed agent's successes; or person, the
+    # expert's as keys would have commanded them, one of eight directions, held for a chunk.
     chunks_of: str = "expert"
     # The adapter: --policy.path= a checkpoint's folder, or a Hub id with --push_to_hub=true.
     policy: PreTrainedConfig | None = None
@@ -93,10 +99,10 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     repo_id = pushed_to(cfg.policy) if cfg.push_to_hub else None
     opened = open_adapter(cfg.policy, cfg.dataset, cfg.tolerance_s)
     adapter, meta = opened.adapter, opened.meta
-    if cfg.chunks_of == "expert":
-        episodes, length = expert_episodes(opened.episodes, meta), None
-    else:
+    if cfg.chunks_of == "agent":
         episodes, length = healthy_episodes(opened.episodes, meta)
+    else:
+        episodes, length = expert_episodes(opened.episodes, meta), None
     weights = weights_hash(adapter.state_dict())
     named = cfg.scores or default_scores(adapter)
     asked = [score for text in named for score in parse_all(text, adapter.scores, "score")]
@@ -104,7 +110,8 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
     ends = [int(meta.episodes["length"][episode]) for episode in episodes]
     decisions = _decisions(adapter, cfg, length, max(ends), any(map(needs_posterior, asked)))
     dataset = opened.frames(episodes, decisions.indices)
-    table, episode_of = score_dataset(adapter, opened.preprocess, dataset, scores, decisions, cfg.batch_size)
+    keys = PROMPT if cfg.chunks_of == "person" else None
+    table, episode_of = score_dataset(adapter, opened.preprocess, dataset, scores, decisions, cfg.batch_size, keys)
     calibration = Calibration(
         scores=table,
         repo_id=opened.data.repo_id,
@@ -116,7 +123,7 @@ def calibrate(cfg: CalibrateConfig) -> Calibration:
         lengths=tuple(decisions.lengths),
     )
     line = ""
-    if cfg.chunks_of == "expert" and decisions.length == adapter.config.chunk_size:
+    if cfg.chunks_of != "agent" and decisions.length == adapter.config.chunk_size:
         opened, five = replace(opened, episodes=episodes), {"reverse:steps=5": ReverseScore(steps=5)}
         look = five if "reverse" in adapter.scores else scores
         usable, line = verdict(tell(opened, look, CHECKED, cfg.batch_size, kinds=["another moment"]))

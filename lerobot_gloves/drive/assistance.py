@@ -21,6 +21,10 @@ UNLIMITED = 2.0
 """A limit that turns any action into any other: that of a robot whose actions are as large to either side."""
 
 
+UNASKED = 0.05
+"""The level of a gate that there is not, for the page to show."""
+
+
 @dataclass(frozen=True)
 class Acted:
     """What became of a command.
@@ -91,14 +95,15 @@ class Assistance:
         self._fault = self._policy.perturbation = Fault()
         self.adapter: str | None = options.get("adapter")
         self.ungated = "there is no adapter" if self.adapter is None else ""
+        alpha = UNASKED
         if self.adapter is not None:
             try:
-                self._policy.adjust(gate=True)
+                alpha = self._policy.adjust(gate=True).alpha
             except ValueError as error:
                 self.ungated = str(error)
         ungated = self.ungated or options.get("gate") is False
         assistance: Assist = "off" if self.adapter is None else "always" if ungated else "gate"
-        self.choose(Settings(assistance, options.get("alpha") or 0.05, UNLIMITED, "none"))
+        self.choose(Settings(assistance, alpha, UNLIMITED, "none"))
 
     def choose(self, settings: Settings) -> None:
         """Help in another way from the next command on.

@@ -11,13 +11,14 @@ from lerobot_gloves.faults.agents import FAULTS, RandomisedAgents
 from lerobot_gloves.faults.direction import Held, Rotated
 from lerobot_gloves.faults.fault import CONSTANT, Fault, Range, Units
 from lerobot_gloves.faults.noise import Drift, Noise
-from lerobot_gloves.faults.person import Driven
+from lerobot_gloves.faults.person import PROMPT, Driven
 from lerobot_gloves.faults.size import Chatter, DeadZone, Offset, Quantised, Scale
 from lerobot_gloves.faults.timing import Delay, Dropped, Replay
 
 __all__ = [
     "CONSTANT",
     "FAULTS",
+    "PROMPT",
     "Chatter",
     "DeadZone",
     "Delay",

@@ -82,3 +82,8 @@ class Driven(Fault):
         command = pressed * fastest * even(self.speed, history, generator)[:, 0]
         command = torch.where(switch, at(raw, seen), command)
         return units.normalised(command)[:, :, None].expand_as(history).clone()
+
+
+NEVER = (0.0, 0.0)
+PROMPT = Driven(late=NEVER, held=(1.0, 1.0), speed=(1.0, 1.0), slips=NEVER, waits=NEVER)
+"""Somebody who goes the expert's way with keys, thinks at every step, and is neither late nor wrong."""

@@ -138,8 +138,29 @@ def test_longer_proposals_than_the_adapters_are_refused(typed, copilot, tmp_path
         run(typed, copilot, root, "--scores=[correction]", "--chunks_of=agent")
 
 
-def test_whose_chunks_is_one_of_two(typed, copilot, tmp_path):
+def test_a_person_is_scored_by_commands_held_in_one_of_eight_directions(typed, copilot, tmp_path):
+    root = write_dataset(tmp_path / "data", episodes=1, length=LENGTH).root
+    calibration = run(typed, copilot, root, "--scores=[reverse]", "--stride=1", "--chunks_of=person")
+    options = {"method": "none", "score": "reverse:steps=1", "log": tmp_path / "log.jsonl"}
+    wrapped = wrap(save_policy(tmp_path / "agent", "act"), adapter=copilot, **options)._corrector
+    rows = LeRobotDataset("me/x", root=root).hf_dataset
+    actions = np.stack([rows[frame]["action"] for frame in range(LENGTH)])
+    for frame, score in enumerate(calibration.scores["reverse:steps=1"][T - 1]):
+        chunk = actions[frame : frame + T]
+        candidates = []
+        for ahead in range(1, T + 1):  # of the expert's way as far as a person looks ahead
+            way = chunk[:ahead].sum(axis=0)
+            eighth = np.round(np.arctan2(way[1], way[0]) / (np.pi / 4)) * (np.pi / 4)
+            command = np.linalg.norm(chunk, axis=1).max() * np.array([np.cos(eighth), np.sin(eighth)])
+            held = torch.from_numpy(np.tile(command, (T, 1)).astype(np.float32))
+            candidates.append(float(as_the_wrapper(wrapped, rows, frame, [held])))
+        assert np.abs(np.array(candidates) - float(score)).min() < 1e-4 * float(score)
+        own = float(as_the_wrapper(wrapped, rows, frame, [torch.from_numpy(chunk)]))
+        assert abs(own - float(score)) > 1e-3 * own
+
+
+def test_whose_chunks_is_one_of_three(typed, copilot, tmp_path):
     typed(f"--policy.path={copilot}", "--dataset.repo_id=me/x", f"--dataset.root={tmp_path}", "--chunks_of=agents")
     with pytest.raises(SystemExit) as exit:
         main()
-    assert exit.value.code == "gloves calibrate: unknown chunks_of 'agents': choose from expert, agent"
+    assert exit.value.code == "gloves calibrate: unknown chunks_of 'agents': choose from expert, agent, person"

@@ -102,7 +102,7 @@ def test_no_file_is_left_out():
 def test_the_copilot_for_people_differs_by_what_people_do(typed, tmp_path):
     file, other = (yaml.safe_load((CONFIGS / "cpu" / f"{name}.yaml").read_text()) for name in (PERSONS, "copilot"))
     theirs = {"decision_every": 1, "history": 10, "faults": ["driven"], "healthy": 0.1}
-    theirs |= {"method": "feeg:start=0.4,steps=5,align=0.0", "gate_score": "reverse:steps=5"}
+    theirs |= {"method": "feeg:start=0.4,steps=5,align=0.0", "gate_score": "reverse:steps=5", "gate_alpha": 0.1}
     assert file == other | {"policy": other["policy"] | theirs}
 
     @parser.wrap()

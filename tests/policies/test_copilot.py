@@ -213,6 +213,18 @@ def test_what_it_does_where_nobody_says_is_in_its_configuration(tmp_path, checkp
     assert unsaid.correction.edited.all() and not torch.equal(actions[0], unsaid.correction.proposal[:, 0])
 
 
+@pytest.mark.parametrize(("told", "edited"), [({}, True), ({"alpha": 0.2}, False)])
+def test_the_level_of_its_gate_is_in_its_configuration(told, edited, tmp_path, checkpoints):
+    adapter = save_policy(tmp_path / "copilot", "gloves_copilot", gate_alpha=0.5, gate_score="reverse:steps=1")
+    # Of 9 scores, 3 are above any: a p-value is (1 + 3) / (1 + 9).
+    scores = torch.tensor([0.0] * 6 + [1e9] * 3).expand(T, -1).contiguous()
+    calibrate(adapter, scores={"reverse:steps=1": scores})
+    policy = wrap(checkpoints.agent, adapter=adapter, gate=True, **told)
+    policy.select_action(observation(2))
+    assert policy.correction.p_value.tolist() == pytest.approx([0.4] * 2)
+    assert policy.correction.edited.tolist() == [edited] * 2
+
+
 @pytest.mark.parametrize(("option", "line"), [("method", "unknown method 'fly'"), ("gate_score", "unknown gate_score")])
 def test_what_it_cannot_do_is_no_default_of_it(option, line):
     with pytest.raises(ValueError, match=line):

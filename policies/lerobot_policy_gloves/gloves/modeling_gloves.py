@@ -27,6 +27,7 @@ from .plan import Plan
 from .proposals import ChunkTap, Proposal
 from .realtime import LeftOver
 from .saved import SavedWrapper
+from .settings import Settings
 
 logger = logging.getLogger(__name__)
 
@@ -90,8 +91,11 @@ class GlovesPolicy(SavedWrapper):
         if self._corrector is not None and not self._clipped:
             self._corrector.bounds = (low, high)
 
-    def adjust(self, **options: Any) -> None:
+    def adjust(self, **options: Any) -> Settings | None:
         """Change method, gate, score or alpha from the next proposal on; agent, adapter and episode go on.
+
+        Returns:
+            What then holds, with what nobody named; None without an adapter.
 
         Raises:
             ValueError: As at loading, for options by the wrapper's names such as `gate=True`; then nothing has changed.
@@ -101,6 +105,7 @@ class GlovesPolicy(SavedWrapper):
             vars(tried := copy.copy(config)).update(options)
             self._corrector.settle(tried)
         vars(config).update(options)
+        return None if self._corrector is None else self._corrector.settings
 
     def statistics(self) -> dict[str, float]:
         """Totals so far: chunks, intervention rate, distance, milliseconds and network evaluations a chunk."""

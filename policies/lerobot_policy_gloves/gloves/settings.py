@@ -44,5 +44,7 @@ def settle(config: GlovesConfig, adapter: Adapter, recommendation: Recommendatio
     if gate:
         default = getattr(adapter, "gate_score", default)
     score = config.score or (None if taken is None else taken.score) or default
-    alpha = config.alpha if config.alpha is not None else ALPHA if taken is None else taken.alpha
+    alpha = config.alpha
+    if alpha is None:
+        alpha = getattr(adapter, "gate_alpha", ALPHA) if taken is None else taken.alpha
     return Settings(method, gate, score, alpha, config.alpha_of, recommended=taken is not None)

@@ -39,6 +39,8 @@ class GlovesCopilotConfig(FlowConfig):
     method: str = "copilot"
     # The score of a gate where nobody names one.
     gate_score: str = "correction"
+    # Its level where nobody names one.
+    gate_alpha: float = 0.05
     # Observations that the copilot is not conditioned on.
     exclude_features: list[str] = field(default_factory=lambda: ["observation.goal"])
 
@@ -48,7 +50,7 @@ class GlovesCopilotConfig(FlowConfig):
             raise ValueError(f"history is {self.history}, but must not be negative")
         if self.decision_every is not None and not 1 <= self.decision_every <= self.chunk_size:
             raise ValueError(f"decision_every is {self.decision_every}, but must lie between 1 and {self.chunk_size}")
-        for name in ("strangers", "context_swap"):
+        for name in ("strangers", "context_swap", "gate_alpha"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ValueError(f"{name} is {getattr(self, name)}, but must lie in [0, 1]")
         if min(self.mean_share, self.alone_share) < 0 or self.mean_share + self.alone_share > 1:

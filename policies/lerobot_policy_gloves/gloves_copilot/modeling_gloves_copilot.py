@@ -55,6 +55,7 @@ class GlovesCopilotPolicy(FlowPolicy):
         parse(config.method, self.editors, "method")  # refuses what it cannot do
         parse(config.gate_score, self.scores, "gate_score")
         self.default_editor, self.gate_score = config.method, config.gate_score
+        self.gate_alpha = config.gate_alpha
         zero, spread = torch.zeros(config.action_feature.shape[0]), torch.ones(config.action_feature.shape[0])
         if dataset_meta is not None:
             known = {name: torch.as_tensor(value) for name, value in dataset_meta.stats["action"].items()}
