@@ -108,8 +108,8 @@ def drive(config: DriveConfig) -> None:
         assistance = load_assistance(config.env, options, view.faults, device)
         assistance.choose(replace(assistance.settings, fault=config.fault))
         session, board = Session(env, view, assistance, config.seed), Board()
-        if config.display_data:
-            session.watchers.append(shown_in(Display(config.display_ip, config.display_port)))
+        if (display := Display.asked(config)) is not None:
+            session.watchers.append(shown_in(display))
         driven = session if config.study is None else _study(config, session, view, assistance, options)
         scene = {
             **view.scene,

@@ -34,6 +34,19 @@ class Display:
         self._where: dict[str, Any] = {"ip": ip, "port": port}
         self._opened = False
 
+    @classmethod
+    def asked(cls, options: Any) -> "Display | None":
+        """What options of the names `display_data`, `display_ip` and `display_port` ask for; None for nothing.
+
+        Raises:
+            ValueError: If they name a viewer and have nothing shown.
+        """
+        if options.display_data:
+            return cls(options.display_ip, options.display_port)
+        if options.display_ip is not None or options.display_port is not None:
+            raise ValueError("display_ip and display_port name a viewer, but without display_data nothing is shown")
+        return None
+
     def show(
         self, observation: Mapping[str, Any], proposed: Tensor, executed: Tensor, known: Mapping[str, float]
     ) -> None:

@@ -43,3 +43,9 @@ def test_a_chunk_shows_its_first_action(monkeypatch, checkpoints):
     assert told["action"]["executed"].tolist() == chunk[0, 0].tolist()
     assert told["action"]["proposed"].tolist() == proposal[0, 0].tolist() != chunk[0, 0].tolist()
     assert told["observation"]["gloves.edited"] == 1.0
+
+
+@pytest.mark.parametrize("where", [{"display_ip": "192.0.2.7"}, {"display_port": 9876}])
+def test_a_viewer_is_not_named_for_nothing(where, checkpoints):
+    with pytest.raises(ValueError, match="without display_data nothing is shown"):
+        wrap(checkpoints.agent, **where)

@@ -72,7 +72,7 @@ class GlovesPolicy(SavedWrapper):
             self._corrector.bounds = None
         self.perturbation = cast("Perturbation | None", copy.deepcopy(config.perturbation))  # every choice is one
         self._journal = Journal(config.log, config.control_period, config.log_actions)
-        self._display = Display(config.display_ip, config.display_port) if config.display_data else None
+        self._display = Display.asked(config)
         self._episodes = Episodes()
         if self._corrector is not None and logger.isEnabledFor(logging.INFO):  # who silences the one wants no other
             logger.info(start_line(config, self._corrector))
