@@ -67,6 +67,7 @@ def overview(overall: Overall) -> str:
             harm=max(-100 * one.mean for one in unperturbed["FEEG"]),
             least=min(100 * one.low for one in unperturbed["FEEG+gate"]),
             **the_copilots(overall),
+            further=further(DOCS / "rows" / "keypad_unperturbed"),
             tuned_share=share(pairs := tuned(overall)),
             tuned_tasks=", ".join(TASKS[pair.searched.name] for pair in pairs),
             tuned_table=markdown(tuned_table(pairs)),
@@ -97,6 +98,17 @@ def the_copilots(overall: Overall) -> dict[str, Any]:
         "copilot_mean": {method: found.mean(method) for method in (*COLUMNS, OURS)},
         "copilot_ahead": {method: found.ahead(method) for method in COLUMNS},
         "copilot_unperturbed": ", ".join(f"{low:+.1f} ({name})" for name, low in found.lowest_unperturbed.items()),
+    }
+
+
+def further(folder: Path) -> dict[str, str]:
+    """By method, success minus the raw agent's in rows of one task with nothing perturbed, as words."""
+    (section,) = summarise(read_rows(folder))
+    found = {method: section.results[NONE, method].difference for method in section.methods}
+    return {
+        method: f"{100 * one.mean:+.1f} [{100 * one.low:+.1f}, {100 * one.high:+.1f}]"
+        for method, one in found.items()
+        if one is not None
     }
 
 
