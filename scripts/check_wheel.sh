@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds the sdist and, from it, the wheel into dist/, checks both, and installs the wheel as a user would, far from this
-# checkout: without extras, where the plugin must load and `gloves` must answer, then with Slalom's, for `gloves demo`.
+# checkout: without extras, where the plugin must load and `gloves` must answer, then with Slalom's and the page's, for
+# `gloves demo` and `gloves drive`.
 # Needs Python 3.12 or later (python3.12 or python3), a package index, and about 8 GB under $TMPDIR for as long as it runs.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -9,7 +10,7 @@ for python in python3.12 python3; do
     "$python" -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && break
 done
 room=$(mktemp -d)
-trap 'rm -rf "$room"' EXIT
+trap 'kill $(jobs -p) 2>/dev/null || true; rm -rf "$room"' EXIT
 
 echo "Building ..."
 rm -rf dist
@@ -44,7 +45,25 @@ for name in ("lerobot_gloves", "gloves_flow", *(f"lerobot_policy_{one}" for one 
 '
 gloves --help
 
-echo "Adding the extra slalom ..."
-pip install --quiet --disable-pip-version-check "$wheel[slalom]"
+echo "Adding the extras slalom and drive ..."
+pip install --quiet --disable-pip-version-check "$wheel[slalom,drive]"
 MUJOCO_GL=${MUJOCO_GL:-egl} gloves demo --episodes=4 --output_dir=demo
 ls -l demo
+
+MUJOCO_GL=${MUJOCO_GL:-egl} gloves drive --env.type=gloves_slalom --port=0 >drive.log 2>&1 &
+server=$!
+until grep -q "http://" drive.log; do
+    kill -0 "$server" || { cat drive.log; exit 1; }
+    sleep 1
+done
+python -c '
+import re
+import urllib.request
+
+address = re.search(r"http://\S+", open("drive.log").read())[0]
+page = urllib.request.urlopen(address).read().decode()
+assert "<title>" in page, page
+print("gloves drive answers at", address)
+'
+kill "$server"
+cat drive.log
