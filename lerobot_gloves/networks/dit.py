@@ -1,6 +1,7 @@
 """The paper's DiT velocity field (appendix "DiT Velocity Field", table (a))."""
 
 import math
+from functools import cache
 
 import torch
 import torch.nn.functional as F
@@ -68,7 +69,7 @@ class DiT(nn.Module):
         """
         x, t = x.to(self.head.weight.dtype), t.to(self.head.weight.dtype)  # actions are of the type that the agent has
         hidden, condition = self.embed(x), F.silu(self.time(t))
-        rotation = rotary(x.shape[1], self.head_dim, x)
+        rotation = rotary(x.shape[1], self.head_dim, x.dtype, x.device)
         for block, key_values in zip(self.blocks, context, strict=True):
             hidden = block(hidden, condition, rotation, key_values)
         return self.head(self.norm(hidden) * (1 + self.modulation(condition)[:, None]))
@@ -91,9 +92,12 @@ class Block(nn.Module):
     ) -> Tensor:
         """Shapes: x (n * B, T, d), condition (n * B, d)."""
         scale1, gate1, scale2, gate2, scale3, gate3 = self.modulation(condition)[:, None].chunk(6, dim=-1)
-        x = x + gate1 * self.dropout(self.attention(self.norm(x) * (1 + scale1), rotation))
-        x = x + gate2 * self.dropout(self.cross(self.norm(x) * (1 + scale2), context))
-        return x + gate3 * self.dropout(self.mlp(self.norm(x) * (1 + scale3)))
+        x = x + gate1 * self._dropped(self.attention(self.norm(x) * (1 + scale1), rotation))
+        x = x + gate2 * self._dropped(self.cross(self.norm(x) * (1 + scale2), context))
+        return x + gate3 * self._dropped(self.mlp(self.norm(x) * (1 + scale3)))
+
+    def _dropped(self, x: Tensor) -> Tensor:
+        return self.dropout(x) if self.training else x  # of one chunk's forward the calls alone are a twentieth
 
 
 class SelfAttention(nn.Module):
@@ -155,11 +159,13 @@ class TimeEmbedding(nn.Module):
         return self.mlp(torch.cat([angle.cos(), angle.sin()], dim=-1))
 
 
-def rotary(length: int, head_dim: int, like: Tensor) -> tuple[Tensor, Tensor]:
+@cache
+def rotary(length: int, head_dim: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
     """Cosines and sines of rotary positions 0 to `length` - 1, (T, head_dim / 2) each."""
-    rate = 10_000 ** (-torch.arange(0, head_dim, 2, dtype=like.dtype, device=like.device) / head_dim)
-    angle = torch.arange(length, dtype=like.dtype, device=like.device)[:, None] * rate
-    return angle.cos(), angle.sin()
+    with torch.inference_mode(False):  # a training may be the next to use them
+        rate = 10_000 ** (-torch.arange(0, head_dim, 2, dtype=dtype, device=device) / head_dim)
+        angle = torch.arange(length, dtype=dtype, device=device)[:, None] * rate
+        return angle.cos(), angle.sin()
 
 
 def rotate(x: Tensor, rotation: tuple[Tensor, Tensor]) -> Tensor:

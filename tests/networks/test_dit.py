@@ -37,7 +37,7 @@ def test_it_starts_as_the_zero_field_with_blocks_that_change_nothing():
     block = dit.blocks[0]
     hidden = torch.randn(3, T, 16, dtype=torch.float64)
     condition = torch.randn(3, 16, dtype=torch.float64)
-    out = block(hidden, condition, rotary(T, 8, hidden), block.cross.keys_values(context))
+    out = block(hidden, condition, rotary(T, 8, hidden.dtype, hidden.device), block.cross.keys_values(context))
     torch.testing.assert_close(out, hidden, rtol=0, atol=0)
 
 
@@ -74,7 +74,7 @@ def test_rotary_attention_sees_only_how_far_apart_two_actions_are():
     g = seeded(2)
     query = torch.randn(head_dim, generator=g, dtype=torch.float64).expand(1, 1, length, -1)
     key = torch.randn(head_dim, generator=g, dtype=torch.float64).expand(1, 1, length, -1)
-    rotation = rotary(length, head_dim, query)
+    rotation = rotary(length, head_dim, query.dtype, query.device)
     logits = (rotate(query, rotation) @ rotate(key, rotation).mT)[0, 0]
     for offset in range(-length + 1, length):
         diagonal = logits.diagonal(offset)
@@ -90,8 +90,19 @@ def test_self_attention_depends_on_the_order_of_actions():
     torch.manual_seed(0)
     attention = SelfAttention(16, heads=2).double()
     x = torch.randn(1, T, 16, dtype=torch.float64)
-    rotation = rotary(T, 8, x)
+    rotation = rotary(T, 8, x.dtype, x.device)
     assert not torch.allclose(attention(x.flip(1), rotation), attention(x, rotation).flip(1))
+
+
+def test_what_inference_worked_out_serves_a_training():
+    dit, (x, t, context) = awake_dit(), inputs()
+    rotary.cache_clear()
+    with torch.inference_mode():
+        alone = dit(x, t, dit.project(context))
+    out = dit(x, t, dit.project(context))
+    out.square().sum().backward()
+    torch.testing.assert_close(out, alone)
+    assert dit.blocks[0].attention.qkv.weight.grad.abs().sum() > 0
 
 
 def test_the_order_of_context_tokens_does_not_matter_but_each_of_them_does():
