@@ -180,4 +180,4 @@ def _batches(on_data: AdapterOnData, most: int, batch_size: int) -> Iterator[_Ba
         chunks = decisions.chunks(rows[ACTION], int(decisions.told(rows["frame_index"])[0]))
         held = constants.hold(rows | {ACTION: chunks})
         normal, units = preprocess(held), action_units(preprocess, held)
-        yield _Batch(normal, normal[ACTION], units, units.spread != 0)
+        yield _Batch(normal, normal[ACTION], units, units.varies)

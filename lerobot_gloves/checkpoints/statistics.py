@@ -10,7 +10,7 @@ from lerobot.utils.constants import ACTION
 from torch import Tensor
 
 from lerobot_gloves.checkpoints.processors import Pipeline
-from lerobot_gloves.faults.fault import Units
+from lerobot_gloves.faults.fault import CONSTANT, Units
 
 _SPREAD = {
     NormalizationMode.MEAN_STD: ("min", "max"),
@@ -68,7 +68,7 @@ class Constants:
 
 
 def action_units(preprocess: Pipeline, held: Mapping[str, Tensor]) -> Units:
-    """Where the robot's own units lie among a checkpoint's normalised actions; entries that never change spread by 0.
+    """Where the robot's own units lie among a checkpoint's normalised actions; of what never changes, spread `CONSTANT`.
 
     Args:
         preprocess: The checkpoint's preprocessor.
@@ -78,7 +78,7 @@ def action_units(preprocess: Pipeline, held: Mapping[str, Tensor]) -> Units:
     nothing, one = (
         preprocess(constants.hold({**held, ACTION: torch.full_like(like, value)}))[ACTION][0, 0] for value in (0.0, 1.0)
     )
-    return Units(nothing, torch.where(one != nothing, 1 / (one - nothing), 0.0))
+    return Units(nothing, torch.where(one != nothing, 1 / (one - nothing), CONSTANT))
 
 
 def _statistics(preprocess: Pipeline) -> dict[str, dict[str, Tensor]]:

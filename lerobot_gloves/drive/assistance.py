@@ -20,7 +20,6 @@ from lerobot_gloves.tasks.configuration import OBS_COMMAND
 UNLIMITED = 2.0
 """A limit that turns any action into any other: that of a robot whose actions are as large to either side."""
 
-
 UNASKED = 0.05
 """The level of a gate that there is not, for the page to show."""
 

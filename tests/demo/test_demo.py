@@ -110,7 +110,7 @@ def test_without_its_simulator_it_says_what_to_install(monkeypatch, tmp_path):
 def test_from_nothing_to_the_table(tmp_path, monkeypatch, capfd):
     """Everything that `make demo TRAIN=1` does, in the smallest numbers."""
     monkeypatch.setattr(sys, "executable", str(server() / "python"))  # beside which the commands lie that it starts
-    options = ["--train=true", "--demonstrations=12", "--steps=2", "--episodes=2", f"--output_dir={tmp_path / 'out'}"]
+    options = ["--train=true", "--demonstrations=26", "--steps=2", "--episodes=2", f"--output_dir={tmp_path / 'out'}"]
     options += ["--fpas=fpas:iterations=2,candidates=4", "--score=reverse:steps=1"]
     monkeypatch.setattr(sys, "argv", ["gloves demo", *options])
     command.main()

@@ -6,10 +6,11 @@ import pytest
 import torch
 from lerobot.configs import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.processor import NormalizerProcessorStep, PolicyProcessorPipeline
+from lerobot.processor.converters import batch_to_transition, transition_to_batch
 from safetensors.torch import load_file, save_file
 
-from lerobot_gloves.checkpoints.statistics import Constants, action_range
-from lerobot_gloves.faults import FAULTS, RandomisedAgents, Units
+from lerobot_gloves.checkpoints.statistics import Constants, action_range, action_units
+from lerobot_gloves.faults import FAULTS, PROMPT, RandomisedAgents, Units
 from lerobot_gloves.generators import spawn
 from lerobot_gloves.perturbations import Shift
 from tests.builders import observation, save_policy, wrap
@@ -104,3 +105,19 @@ def test_faults_leave_it_alone_and_do_not_measure_by_it():
     faulty = agents(history, units, torch.Generator().manual_seed(1))
     assert torch.equal(faulty[..., 1:3], history[..., 1:3])
     assert faulty.abs().max() < 100 and (faulty != history).any(dim=(1, 2, 3)).float().mean() > 0.8
+
+
+def test_a_command_moves_what_moves_and_leaves_a_locked_joint_where_it_is():
+    known = {"mean": [0.5, LOCKED], "std": [0.25, 0.0], "min": [0.0, LOCKED], "max": [1.0, LOCKED]}
+    step = NormalizerProcessorStep(
+        features={"action": PolicyFeature(FeatureType.ACTION, (2,))},
+        norm_map={FeatureType.ACTION: NormalizationMode.MEAN_STD},
+        stats={"action": {name: torch.tensor(given) for name, given in known.items()}},
+    )
+    preprocess = PolicyProcessorPipeline(steps=[step], to_transition=batch_to_transition, to_output=transition_to_batch)
+    raw = torch.tensor([0.1, 0.2, 0.4])
+    held = {"action": torch.stack([raw, torch.full((3,), LOCKED)], dim=-1)[None, None]}
+    chunk = preprocess(held)["action"]
+    command = PROMPT(chunk, action_units(preprocess, held), torch.Generator().manual_seed(0))
+    torch.testing.assert_close(command[0, 0, :, 0], torch.full((3,), (0.4 - 0.5) / 0.25))  # as fast as the expert is
+    assert torch.equal(command[..., 1], chunk[..., 1])
