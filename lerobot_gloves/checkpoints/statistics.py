@@ -68,7 +68,7 @@ class Constants:
 
 
 def action_units(preprocess: Pipeline, held: Mapping[str, Tensor]) -> Units:
-    """Where the robot's own units lie among a checkpoint's normalised actions; of what never changes, spread `CONSTANT`.
+    """The robot's own units among a checkpoint's normalised actions; the spread of what never changes is `CONSTANT`.
 
     Args:
         preprocess: The checkpoint's preprocessor.
