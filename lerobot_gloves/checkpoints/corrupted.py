@@ -179,5 +179,5 @@ def _batches(on_data: AdapterOnData, most: int, batch_size: int) -> Iterator[_Ba
         rows = {key: value[whole] for key, value in item.items() if isinstance(value, Tensor)}
         chunks = decisions.chunks(rows[ACTION], int(decisions.told(rows["frame_index"])[0]))
         held = constants.hold(rows | {ACTION: chunks})
-        normal, units = preprocess(held), action_units(preprocess, held)
+        normal, units = preprocess(held), action_units(preprocess, constants, held)
         yield _Batch(normal, normal[ACTION], units, units.varies)

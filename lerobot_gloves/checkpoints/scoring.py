@@ -96,7 +96,8 @@ def score_dataset(
         batch = preprocess(held)
         if stands_for is not None:
             each = batch[ACTION].flatten(0, 1)[:, None]
-            batch[ACTION] = stands_for(each, action_units(preprocess, held), generator).view_as(batch[ACTION])
+            units = action_units(preprocess, constants, held)
+            batch[ACTION] = stands_for(each, units, generator).view_as(batch[ACTION])
         found = score_lengths(adapter, batch, list(scores.values()), decisions)
         for name, columns in zip(table, found.unbind(dim=1), strict=True):
             table[name].append(columns)

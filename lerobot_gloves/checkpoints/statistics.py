@@ -67,14 +67,15 @@ class Constants:
         return held
 
 
-def action_units(preprocess: Pipeline, held: Mapping[str, Tensor]) -> Units:
+def action_units(preprocess: Pipeline, constants: Constants, held: Mapping[str, Tensor]) -> Units:
     """The robot's own units among a checkpoint's normalised actions; the spread of what never changes is `CONSTANT`.
 
     Args:
         preprocess: The checkpoint's preprocessor.
+        constants: Its constants.
         held: Raw features (B, ...) of any frames, as `Constants.hold` gives them.
     """
-    like, constants = held[ACTION].flatten(1, -2)[:, :1], Constants(preprocess)
+    like = held[ACTION].flatten(1, -2)[:, :1]
     nothing, one = (
         preprocess(constants.hold({**held, ACTION: torch.full_like(like, value)}))[ACTION][0, 0] for value in (0.0, 1.0)
     )

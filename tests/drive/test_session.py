@@ -110,6 +110,15 @@ def test_a_display_is_told_command_executed_action_score_and_p_value(env, flow, 
     assert ["gloves.score" in one for one in told] == moved and all("observation.state" in one for one in told)
 
 
+@pytest.mark.parametrize(("told", "level"), [({}, 0.2), ({"alpha": 0.3}, 0.3)])
+def test_it_begins_at_the_level_that_is_named_or_else_at_its_adapters_own(env, folder, told, level):
+    adapter = folder / "copilot_with_a_level"
+    if not adapter.exists():
+        save_policy(adapter, "gloves_copilot", seed=7, gate_score="reverse:steps=1", gate_alpha=0.2)
+        calibrate(adapter, scores={"reverse:steps=1": torch.linspace(0.0, 50.0, 99).expand(T, 99).clone()})
+    assert Driven(env, adapter=adapter, **told).assistance.settings.alpha == level
+
+
 @pytest.mark.parametrize("kind", ["gloves_expert_flow", "gloves_copilot", "ddpm_assist", "csa_assist"])
 def test_with_assistance_it_is_the_adapters_own_edit_of_the_held_command(env, folder, kind):
     method = {"method": "feeg"} if kind == "gloves_copilot" else {}  # its own edit needs a calibration

@@ -118,6 +118,6 @@ def test_a_command_moves_what_moves_and_leaves_a_locked_joint_where_it_is():
     raw = torch.tensor([0.1, 0.2, 0.4])
     held = {"action": torch.stack([raw, torch.full((3,), LOCKED)], dim=-1)[None, None]}
     chunk = preprocess(held)["action"]
-    command = PROMPT(chunk, action_units(preprocess, held), torch.Generator().manual_seed(0))
+    command = PROMPT(chunk, action_units(preprocess, Constants(preprocess), held), torch.Generator().manual_seed(0))
     torch.testing.assert_close(command[0, 0, :, 0], torch.full((3,), (0.4 - 0.5) / 0.25))  # as fast as the expert is
     assert torch.equal(command[..., 1], chunk[..., 1])

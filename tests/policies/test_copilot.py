@@ -238,6 +238,7 @@ def test_what_it_cannot_do_is_no_default_of_it(option, line):
         ({"decision_every": 7}, "decision_every is 7, but must lie between 1 and 6"),
         ({"strangers": 1.5}, "strangers is 1.5, but must lie in"),
         ({"context_swap": -0.1}, "context_swap is -0.1, but must lie in"),
+        ({"gate_alpha": 1.5}, "gate_alpha is 1.5, but must lie in"),
         ({"faults": ["laggy"]}, "there is no fault 'laggy': choose from held, "),
         (
             {"mean_share": 0.7, "alone_share": 0.4},
